@@ -17,6 +17,7 @@ BEST_CANDIDATES = ((0.1, 300), (0.02, 200))  # standard deviation [edges of the 
 CLIMBS = 4  # from the best of them  [count]
 MAX_CLIMB_STEPS = 30  # of each  [count]
 DIFFERENCE_STEP = 1e-6  # of the slope of the logarithm of the improvement, edges of the cube  [1]
+MAX_NEAR_STD = 5.0  # standard deviations below the mean, from which the improvement is taken from its asymptote  [1]
 MIN_EMULATED_PROBABILITY = 1e-3  # least probability of a simulation that ends  [1]
 
 
@@ -69,11 +70,12 @@ class EmulatedCost:
 
 
 def log_expectation(t: np.ndarray) -> np.ndarray:
-    """log(phi(t) + t Phi(t)), (n,), of the standard normal density and distribution."""
-    inside = np.maximum(t, -5.0)
-    density = np.exp(-0.5 * inside**2) / np.sqrt(2 * np.pi)
-    tail = -0.5 * t**2 - 0.5 * np.log(2 * np.pi) - 2 * np.log(np.maximum(-t, 1.0))
-    return np.where(t > -5.0, np.log(density + inside * ndtr(inside)), tail)
+    """log(phi(t) + t Phi(t)), (n,), of the standard normal density and distribution; far below by its asymptote."""
+    inside = np.maximum(t, -MAX_NEAR_STD)
+    near = np.log(np.exp(-0.5 * inside**2) / np.sqrt(2 * np.pi) + inside * ndtr(inside))
+    square = np.maximum(-t, MAX_NEAR_STD) ** 2
+    far = -0.5 * square - 0.5 * np.log(2 * np.pi) - np.log(square) + np.log1p(-3 / square)
+    return np.where(t > -MAX_NEAR_STD, near, far)
 
 
 def warps(costs: np.ndarray) -> list[Warp]:

@@ -15,6 +15,7 @@ from calib.execution.pool import REFUSED, Failure, Pool
 from calib.modelling.parameter import Space
 from calib.store import Trial
 from calib.store.trial import FORMER_CODE, best
+from calib.study.choice import CostlyChoice, costly_choice
 from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import Phase, as_trial, outcome
 
@@ -55,6 +56,11 @@ class Searchable(Protocol):
         ...
 
     @property
+    def costly_optimiser(self) -> Callable[..., Optimiser] | None:
+        """Makes the search method where simulations are few and slow; None for the same."""
+        ...
+
+    @property
     def seed(self) -> int:
         """Of the screen and the optimiser."""
         ...
@@ -81,12 +87,20 @@ class Search:
         logged: list[Trial],
         on_trial: OnTrial | None,
         on_ask: Callable[[int], None] = lambda points: None,
+        on_choice: Callable[[CostlyChoice], None] = lambda choice: None,
     ):
-        self._on_ask = on_ask
+        self._on_ask, self._on_choice = on_ask, on_choice
         self._study, self._store, self._pool, self._on_trial = study, store, pool, on_trial
         self.trials = {trial.number: trial for trial in logged}
         self._best = best(logged)
         self.agreement: dict[str, Any] | None = None
+
+    @property
+    def choice(self) -> CostlyChoice | None:
+        """That emulators search, for want of an optimiser that is named; None where the study's own does."""
+        if self._study.costly_optimiser is None:
+            return None
+        return costly_choice(self._store.header.hint, self.trials.values())
 
     def to_the_end(self, earlier: SearchEnd | None = None) -> str:
         """Evaluate the screen, then one segment after the other; return why it ended.
@@ -137,9 +151,13 @@ class Search:
     @contextmanager
     def _searching(self, superseded: int) -> Iterator[Optimiser]:
         """Make the optimiser, whose budget is without the trials that it is not told: they are superseded."""
-        study = self._study
+        study, choice = self._study, self.choice
+        make = study.optimiser
+        if choice is not None and study.costly_optimiser is not None:
+            make = study.costly_optimiser
+            self._on_choice(choice)
         budget = max(1, self._store.header.hint - superseded)
-        optimiser = study.optimiser(dim=study.space.dim, seed=study.seed, budget=budget, batch=study.batch)
+        optimiser = make(dim=study.space.dim, seed=study.seed, budget=budget, batch=study.batch)
         try:
             yield optimiser
         finally:

@@ -15,6 +15,7 @@ from calib.modelling.parameter import Space
 from calib.objective import Objective
 from calib.store import StudyHeader, Trial
 from calib.store.trial import best
+from calib.study.choice import CostlyChoice
 from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import evaluate
 from calib.study.initial_state import check_searched, check_solvable, check_stated
@@ -36,6 +37,7 @@ class SearchResult:
     reach : of each measured scalar feature
     agreement : the optimiser's summary, None where it has none
     stopped : "budget spent", "interrupted" (by Ctrl-C; resumable), or the optimiser's reason
+    choice : that emulators searched for want of an optimiser that is named; None where the study's own did
     """
 
     best: Trial | None
@@ -43,6 +45,7 @@ class SearchResult:
     reach: list[Reach]
     agreement: dict[str, Any] | None
     stopped: str
+    choice: CostlyChoice | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,7 @@ class CalibrationStudy:
         with a budget below 256
     definition : what else the study is, as JSON: another one in the same folder is refused
     code : module outside calib that the study uses -> digest or version; trials by other code do not count
+    costly_optimiser : takes the place of `optimiser` where simulations are few and slow (`calib.study.choice`); or None
     """
 
     name: str
@@ -79,6 +83,7 @@ class CalibrationStudy:
     screen: int | None = None
     definition: Mapping[str, Any] = field(default_factory=dict)
     code: Mapping[str, str] = field(default_factory=dict)
+    costly_optimiser: Callable[..., Optimiser] | None = None
 
     def __post_init__(self) -> None:
         for name, low in (("budget", 1), ("batch", 1), ("jobs", 1), ("screen", 0), ("seed", 0)):
@@ -133,6 +138,7 @@ class CalibrationStudy:
         fresh: bool = False,
         on_opened: OnOpened | None = None,
         on_ask: Callable[[int], None] = lambda points: None,
+        on_choice: Callable[[CostlyChoice], None] = lambda choice: None,
         ended: SearchEnd | None = None,
     ) -> SearchResult:
         """Search until the budget is spent, the optimiser stops, or Ctrl-C; take up what the store has already.
@@ -151,6 +157,7 @@ class CalibrationStudy:
         fresh : set aside what the store has
         on_opened : called with the trials that the store has already
         on_ask : called with the number of points of which the optimiser asks the values at a time
+        on_choice : called where emulators search for want of an optimiser that is named
         ended : how an earlier run ended; where nothing has changed since, the trials are not replayed
 
         Raises
@@ -165,7 +172,7 @@ class CalibrationStudy:
                 partial(evaluate, self.without_search()), self.evaluated_by, self.timeout, modules=self.code
             )
         logged = store.open(self.header, fresh)
-        run = Search(self, store, pool, logged, on_trial, on_ask)
+        run = Search(self, store, pool, logged, on_trial, on_ask, on_choice)
         try:
             if on_opened is not None:
                 on_opened(logged)
@@ -177,11 +184,11 @@ class CalibrationStudy:
                 own.close()
             store.close()
         trials = sorted(run.trials.values(), key=lambda trial: trial.number)
-        return SearchResult(best(trials), trials, reach(trials), run.agreement, stopped)
+        return SearchResult(best(trials), trials, reach(trials), run.agreement, stopped, run.choice)
 
     def without_search(self) -> "CalibrationStudy":
         """Return what an evaluation needs of the study: it crosses to the child processes."""
-        return replace(self, optimiser=_no_optimiser, definition={})
+        return replace(self, optimiser=_no_optimiser, costly_optimiser=None, definition={})
 
 
 def _no_optimiser(**contract: int) -> Optimiser:

@@ -27,7 +27,7 @@ from calib.study_file.code import used_code
 from calib.study_file.folder import results_folder
 from calib.study_file.laboratory import read_laboratory
 from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_study
-from calib.study_file.optimiser import OptimiserMaker, no_search
+from calib.study_file.optimiser import OptimiserMaker, costly_optimiser, no_search
 from calib.study_file.pool import pool_settings
 from calib.study_file.priors import read_priors
 from calib.study_file.references import REQUEST_KEYS, digest, references
@@ -212,6 +212,7 @@ def _study(shape: StudyToml, mistakes: Mistakes, parts: _Parts, budget: int | No
         screen=shape.study.screen,
         definition=_definition(shape, model, space, mistakes.path.parent),
         code={} if shown else used_code(shape, mistakes.modules, model.simulator),
+        costly_optimiser=None if shown else _costly_optimiser(shape, mistakes),
     )
 
 
@@ -367,6 +368,13 @@ def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:
         _made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT_ARGUMENTS)
         return OptimiserMaker(maker, shape.optimiser.options, mistakes.place("optimiser"))
     return None
+
+
+def _costly_optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:
+    """The optimiser of few, slow simulations, where the file names none and gives the default one no options."""
+    if "name" in shape.optimiser.model_fields_set or shape.optimiser.options:
+        return None
+    return OptimiserMaker(costly_optimiser, {}, mistakes.place("optimiser"))
 
 
 def _counted(name: str, number: int | None) -> int | None:

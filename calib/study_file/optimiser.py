@@ -4,8 +4,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from calib import plugins
 from calib.errors import CalibError
 from calib.study import Optimiser
+
+COSTLY_OPTIMISER = "surrogate"  # searches where simulations are few and slow, and the study file names no optimiser
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,12 @@ class OptimiserMaker:
             return self.maker(**contract, **self.options)
         except (CalibError, TypeError, ValueError, ImportError) as error:
             raise CalibError(f"{self.place}: {error}") from error
+
+
+def costly_optimiser(**contract: int) -> Optimiser:
+    """Return the optimiser of few, slow simulations, which is imported only where it is wanted."""
+    optimiser: Optimiser = plugins.load("calib.optimisers", COSTLY_OPTIMISER)(**contract)
+    return optimiser
 
 
 def no_search(**contract: int) -> Optimiser:

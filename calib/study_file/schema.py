@@ -301,7 +301,8 @@ class OptimiserTable(_Open):
     """[optimiser]: how the windows are searched; further keys are options of the optimiser (`calib list cma`)."""
 
     name: str = "multistart"
-    """Registered name (`calib list`), or "module:Thing" as for a simulator."""
+    """Registered name (`calib list`), or "module:Thing" as for a simulator; without it and without options `surrogate`
+    searches where the budget is at most 150 and the median trial of the screen takes 10 s or more."""
     batch: Count = 1
     """Points that are asked for at a time; part of the study, unlike `jobs`."""
 

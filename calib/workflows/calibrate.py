@@ -193,6 +193,7 @@ def _searched(
     search = study.run(
         store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh, on_opened=progress.earlier,
         on_ask=IdleWorkers(evaluations, progress.note),
+        on_choice=lambda choice: progress.note(choice.note),
         ended=end_of_search(store.folder),
     )  # fmt: skip
     if search.stopped == INTERRUPTED:
@@ -277,6 +278,7 @@ def _summarised(
             *_in_the_place_of_intervals(study, search.trials, confidence),
             *_remarks(study, point),
             *answered_from_cache(search.trials),
+            *([] if search.choice is None else [search.choice.remark]),
             *getattr(study.model.simulator, "remarks", ()),
         ],
         reproduced=None if point is None else not point.repetition,

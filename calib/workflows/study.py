@@ -72,7 +72,8 @@ class Study:
     effects : of the model, by name, "package.module:THING" or as `calib.Effect`
     terms : features that are compared, by name or as mappings with options; None: phase curves where all records
         have a period, displacement and velocity, else time histories
-    optimiser : name, or a mapping with its options
+    optimiser : name, or a mapping with its options; None: "multistart", or "surrogate" where simulations are few and
+        slow
     budget : simulations of the search
     seed : of every random number
     jobs : processes of this machine; None: one for each core
@@ -101,7 +102,7 @@ class Study:
         options: Mapping[str, Any] | None = None,
         effects: Sequence[str | Mapping[str, Any] | Effect] = (),
         terms: Sequence[str | Mapping[str, Any]] | None = None,
-        optimiser: str | Mapping[str, Any] = "multistart",
+        optimiser: str | Mapping[str, Any] | None = None,
         budget: int = 200,
         seed: int = 0,
         jobs: int | None = None,
@@ -145,7 +146,7 @@ class Study:
             "model": model,
             "windows": {parameter: window_table(parameter, window) for parameter, window in windows.items()},
             "term": [table_of(term, "feature") for term in terms],
-            "optimiser": table_of(optimiser, "name"),
+            **({} if optimiser is None else {"optimiser": table_of(optimiser, "name")}),
             **({} if pool is None else {"pool": pool}),
             **{key: more[key] for key in FURTHER_TABLES if key in more},
         }

@@ -33,6 +33,9 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from benchmarks.optimiser_problems import FOUR, PROBLEMS, root_mean_square  # noqa: E402 - run as a script
 
 from calib.optimisers.multistart import Multistart  # noqa: E402
+from calib.optimisers.surrogate import Surrogate  # noqa: E402
+
+SURROGATE_BUDGET = 150  # evaluations, at most: what an optimiser for slow programs is made for
 
 
 class Reached(BaseException):
@@ -74,6 +77,14 @@ class Counter:
 def default(counter, seed):
     """Run our default with its default options."""
     optimiser = Multistart(counter.problem.dim, seed, counter.budget)
+    while optimiser.stop() is None:
+        x = optimiser.ask()
+        optimiser.tell(x, [counter.outcome(u) for u in x])
+
+
+def surrogate(counter, seed):
+    """Run the optimiser for slow programs, within 150 evaluations."""
+    optimiser = Surrogate(counter.problem.dim, seed, min(counter.budget, SURROGATE_BUDGET))
     while optimiser.stop() is None:
         x = optimiser.ask()
         optimiser.tell(x, [counter.outcome(u) for u in x])
@@ -127,6 +138,7 @@ def optuna_by(sampler):
 # name: (run, package it needs)
 PEERS = {
     "calib multistart": (default, None),
+    "calib surrogate": (surrogate, None),
     "pyPESTO multistart": (pypesto, "pypesto"),
     "scipy dual_annealing": (annealing, None),
     "Optuna CMA-ES": (optuna_by("cmaes"), "cmaes"),

@@ -20,10 +20,12 @@ from calib.optimisers.cma import CmaEs
 from calib.optimisers.multistart import Multistart
 from calib.optimisers.optuna import OptunaSampler
 from calib.optimisers.scipy import Scipy
+from calib.optimisers.surrogate import Surrogate
 from calib.store import Store, read
 
 OPTIMISERS = {
     "multistart": Multistart,
+    "surrogate": Surrogate,
     "cma": CmaEs,
     "optuna": OptunaSampler,
     "differential evolution": Scipy,

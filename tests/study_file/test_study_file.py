@@ -473,3 +473,16 @@ def test_the_unit_of_an_excitation_is_that_of_its_number(stated, tmp_path):
     )
     path = write_study(tmp_path, ("[model]\n", f"{table}\n[model]\n"))
     assert load(path).reference().excitation.amplitude == pytest.approx(1e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("written", "left"),
+    [("", True), ("[optimiser]\nbatch = 4", True), ('[optimiser]\nname = "multistart"', False)]
+    + [('[optimiser]\nname = "cma"', False), ("[optimiser]\nscreen = 9", False)],
+)
+def test_only_a_file_that_chooses_no_optimiser_leaves_slow_simulations_to_emulators(tmp_path, written, left):
+    study = load(write_study(tmp_path, ('[optimiser]\nname = "multistart"', written))).study
+    assert (study.costly_optimiser is not None) is left
+    if left:
+        optimiser = pickle.loads(pickle.dumps(study.costly_optimiser))(dim=2, seed=1, budget=30, batch=1)
+        assert type(optimiser).__name__ == "Surrogate"

@@ -32,6 +32,7 @@ from calib.records.excitation import Excitation
 from calib.simulators.command import Command
 from calib.store import read
 from calib.store.code import code_change
+from calib.study import choice
 from calib.study_file import load
 from calib.workflows.calibrate import calibrate, rebuild
 from calib.workflows.dry_run import check_simulator_runs, dry_run_study
@@ -85,6 +86,23 @@ def test_the_true_values_are_found(calibrated):
     assert result.failed == 0
     runs = path.parent / "out" / "runs"
     assert [path.name for path in runs.iterdir() if any(path.iterdir())] == ["dry-run"]
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_fifty_runs_of_a_slow_program_are_searched_by_emulators(tmp_path, truth, monkeypatch, capsys, named):
+    path = lay_out_study(tmp_path, truth, 50)
+    if named:
+        path.write_text(path.read_text() + '\n[optimiser]\nname = "surrogate"\n')
+    else:
+        monkeypatch.setattr(choice, "MIN_COSTLY_SECONDS", 0.0)  # every program is slow
+    with undrawn():
+        result = calibrate(path)
+    assert result.values == pytest.approx(TRUTH, rel=1e-3)
+    assert result.trials <= 50
+    said = ["emulators search" in text for text in ("; ".join(result.remarks), capsys.readouterr().err)]
+    assert said == [not named, not named]
+    stored = json.loads((path.parent / "out" / "result.json").read_text())
+    assert stored["remarks"] == list(result.remarks)
 
 
 def test_a_report_needs_neither_program_nor_templates(calibrated, tmp_path):
