@@ -109,14 +109,15 @@ def descend(
 
     Each step is least in the emulated sum of squares: a Gauss-Newton step whose Jacobian and curvature come from all
     points nearby, none of which is spent on a difference quotient alone (Cartis & Roberts 2019, Math. Program.
-    Comput. 11, 631, with emulators for their linear models). It is accepted by its cost. Where no step is worth
-    trying, the neighbours along all axes are asked for, and the search ends if they bring no better one. A batch is
-    filled with the points at which the emulator is least sure.
+    Comput. 11, 631, with emulators for their linear models). It is accepted by its cost. A search begins with the
+    neighbours along all axes. Where no step is worth trying they are asked for again, and the search ends if nothing
+    has been gained since the last time. A batch is filled with the points at which the emulator is least sure.
 
     Yields points (n, dim), is sent their n outcomes, returns the last point and its outcome; the caller adds every
     answer to `evaluated` before sending it.
     """
-    checked, lengths = np.inf, None  # sum of squares at the last check
+    checked: float | None = None  # sum of squares when the neighbours were evaluated last
+    lengths = None
     while outcome.residuals is not None:
         emulator = emulate(u, outcome.kind, evaluated, lengths)
         lengths = emulator.process.lengths
@@ -125,11 +126,12 @@ def descend(
         predicted = now - emulator.sum_of_squares(step)
         known = np.array([point for point, _ in evaluated])
         worth = (
-            radius > MIN_EMULATED_RADIUS
+            checked is not None
+            and radius > MIN_EMULATED_RADIUS
             and predicted > MIN_EMULATED_REDUCTION * now
             and np.abs(known - step).max(axis=1).min() > MIN_NEW_DISTANCE
         )
-        if not worth and now >= (1 - MIN_EMULATED_REDUCTION) * checked:
+        if not worth and checked is not None and now >= (1 - MIN_EMULATED_REDUCTION) * checked:
             break
         asked = [step] if worth else list(neighbours(u, min(radius, CHECK_DISTANCE)))
         while len(asked) < batch:

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
-from study_fakes import Frugal, Wanderer, run, study
+from study_fakes import Frugal, run, study
 
 from calib.execution.pool import InProcess
 from calib.store import Store, Trial
