@@ -24,8 +24,8 @@ NETWORKS = 1  # neural networks of each bound  [count]: more take longer than th
 TRAINING = {"tol": 1e-4, "n_iter_no_change": 5}
 BATCH = 50  # points that are evaluated together  [count]; part of the result, unlike the number of processes
 EFFECTIVE_SIZE = 1000.0  # of the sample  [count]: a mean has an error of 3 % of the standard deviation
-# in the live points, at which exploration ends  [1]; all points are weighted, so that nothing is cut off by it. Where the
-# likelihood has a plateau below its top, as without contact, the share stays at about 1 % and exploration would not end
+# in the live points, at which exploration ends  [1]; all points are weighted, so that nothing is cut off by it. Where
+# the likelihood has a plateau below its top, as without contact, the share stays at 1 % and exploration would not end
 REMAINING_EVIDENCE = 0.05
 EVALUATIONS_PER_LIVE_POINT = 2.0  # for each unit of the logarithm of the compression, for the progress  [count]
 COMPRESSION_PER_PARAMETER = 4.0  # logarithm of the prior's width over the posterior's, where that is not known  [1]
