@@ -6,12 +6,15 @@ A run succeeds when its best cost reaches the problem's target within the budget
 median and the worst number of evaluations; a median or worst run that never got there is a dash. Peers that are not
 installed are named as missing.
 
+`surrogate` is given 150 evaluations at most: where it needs more it counts as not reached.
+
 Reached of 20 seeds, median and worst, with scipy 1.17, pyPESTO 0.7 and its defaults:
 
 ======================  ==============  ==============  ==============  ==============  ===============
 peer                    ringdown6       hartmann6       rastrigin6      impact6         rotated6
 ======================  ==============  ==============  ==============  ==============  ===============
 calib multistart        20, 114, 214    20, 72, 327     20, 952, 1786   20, 41, 93      20, 1590, 3605
+calib surrogate         19, 89, -       14, 35, -       not measured    18, 21, -       not measured
 pyPESTO multistart      20, 144, 223    20, 99, 778     0               20, 64, 630     0
 scipy dual_annealing    20, 546, 840    18, 77, -       20, 1930, 3739  19, 252, -      0
 ======================  ==============  ==============  ==============  ==============  ===============

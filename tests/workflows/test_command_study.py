@@ -88,6 +88,7 @@ def test_the_true_values_are_found(calibrated):
     assert [path.name for path in runs.iterdir() if any(path.iterdir())] == ["dry-run"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("named", [False, True])
 def test_fifty_runs_of_a_slow_program_are_searched_by_emulators(tmp_path, truth, monkeypatch, capsys, named):
     path = lay_out_study(tmp_path, truth, 50)
