@@ -66,6 +66,9 @@ def check_comparable(file: StudyFile, others: Sequence[StudyFile]) -> None:
                 f"--compare: {other.path} calibrates on {', '.join(theirs.scored)}, and {file.path} on "
                 f"{', '.join(own.scored)}; models are compared on the same records"
             )
+        for name in own.scored:
+            if not own.references[name].record.equals(theirs.references[name].record):
+                raise CalibError(f"--compare: record {name!r} of {other.path} is another one than that of {file.path}")
         if [term.label for term in theirs.terms] != [term.label for term in own.terms]:
             raise CalibError(f"--compare: {other.path} has other terms than {file.path}; give it the same")
         calibrated_values(other, other.folder)
@@ -110,11 +113,8 @@ def compared_models(
 
 def expected_comparison(others: Sequence[StudyFile], dim: int) -> int:
     """Evaluations that a comparison of a study of `dim` parameters with others takes, roughly; 0 without others."""
-    return (
-        0
-        if not others
-        else sum(expected_evaluations(one) for one in (dim, *(other.study.space.dim for other in others)))
-    )
+    dims = [dim, *(other.study.space.dim for other in others)]
+    return sum(map(expected_evaluations, dims)) if others else 0
 
 
 def _opened(file: StudyFile, stack: ExitStack, on_stage: Callable[[str], None]) -> OpenModel:

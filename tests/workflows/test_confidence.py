@@ -348,9 +348,13 @@ def test_studies_of_other_records_are_not_compared(calibrated, tmp_path):
     other = write_study(tmp_path, ('name = "bench"', 'name = "lab"'))
     message = "calibrates on lab, and .* on bench; models are compared on the same records"
     assert re.search(message, " ".join(calib("confidence", calibrated, "--compare", other, code=1).output.split()))
-    assert (
-        "is the study itself" in calib("confidence", calibrated, "--compare", calibrated / "study.toml", code=1).output
-    )
+    write_study(tmp_path)
+    records.write(bench(seed=5), tmp_path / "bench.nc")
+    output = " ".join(calib("confidence", calibrated, "--compare", other, code=1).output.split())
+    assert "record 'bench' of" in output
+    assert "is another one than that of" in output
+    output = calib("confidence", calibrated, "--compare", calibrated / "study.toml", code=1).output
+    assert "is the study itself" in output
 
 
 @pytest.mark.slow
