@@ -152,7 +152,7 @@ def _predictions(posterior: PosteriorResult) -> Table:
 def _show_comparison(comparison: ComparisonResult, console: Console) -> None:
     table = Table(title="models by their evidence", title_justify="left")
     for heading in ("study", "effects"):
-        table.add_column(heading)
+        table.add_column(heading, overflow="fold")
     for heading in ("best likelihood", "evidence", "Bayes factor"):
         table.add_column(f"ln {heading}", justify="right", no_wrap=True)
     for own in comparison.models:

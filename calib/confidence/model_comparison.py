@@ -29,6 +29,7 @@ EVIDENCE_WORDS = (
     (2.0, "positive"),
     (0.0, "not worth more than a bare mention"),
 )
+MAX_WINDOW_DECADES = 15.0  # of the width of a prior, that are worth telling  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ def comparable(analyses: Sequence[LocalAnalysis], names: Sequence[str]) -> list[
         likelihood = AdjustedLikelihood(square, own.unit_covariance, covariance, freedom)
         apart = own.residuals - noise
         excess = square - float(noise @ noise)
-        found.append(ComparableModel(likelihood, -0.5 * excess * _precision(apart, noise, labels, draws)))
+        found.append(ComparableModel(likelihood, 0.0 - 0.5 * excess * _precision(apart, noise, labels, draws)))
     return found
 
 
@@ -107,6 +108,8 @@ def in_words(log_factor: float) -> str:
 def width_in_words(log_factor: float) -> str:
     """Say what the width of a flat prior of the parameters that one model has beside another does to this evidence."""
     decades = abs(log_factor) / math.log(10.0)
+    if decades > MAX_WINDOW_DECADES:
+        return "no width of the windows would change that"
     factor = f"{math.exp(abs(log_factor)):.2g}" if decades < 4.0 else f"10^{decades:.0f}"
     changed = "wider" if log_factor > 0.0 else "narrower"
     return (

@@ -132,3 +132,4 @@ def test_bayes_factors_have_the_words_of_kass_and_raftery(factor, words):
 def test_the_window_that_would_make_both_equal_is_told():
     assert "wider by a factor of 7.4 in all" in width_in_words(2.0)
     assert "wider by a factor of 10^13 in all" in width_in_words(30.0)
+    assert width_in_words(3000.0) == "no width of the windows would change that"

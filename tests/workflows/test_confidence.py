@@ -332,7 +332,7 @@ def test_the_model_that_made_the_record_has_the_evidence(tmp_path, few_live_poin
     assert "calibrate first" in calib("confidence", path, "--compare", other, code=1).output
     calib("run", other, "-q")
     output = calib("confidence", path, "--compare", other).output
-    assert "echo with a harmonic: the evidence for this model is very strong; it falls by ln k" in output
+    assert "echo with a harmonic: the evidence for this model is very strong; no width of the windows" in output
     comparison = read_confidence(path.parent / "out").comparison
     base, extended = comparison.models
     assert (base.name, base.factor, base.parameters, extended.parameters) == ("echo", 0.0, (), ("harmonic",))
