@@ -21,7 +21,7 @@ from calib.simulators.four_dof.lumped import lumped
 from calib.simulators.impact.assembly import STEPS_PER_PERIOD, ImpactDrive, assemble
 from calib.simulators.impact.contact_laws import COMPLIANT, CONTACTS, ContactName, stop_law, with_contact
 from calib.simulators.impact.initial_state import start, with_memory
-from calib.simulators.impact.modes import modal, regimes
+from calib.simulators.impact.modes import modal, steady_motion
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT, ImpactState, Problem
 from calib.simulators.impact.refinement import UNREFINED
@@ -256,8 +256,8 @@ class FourDof:
         free = structure(kind, lumped(values), modal(values["damping"]), gap, restitution)
         scale = values["amplitude"]
         if kind.spring:
-            unit = regimes(free, 1.0, 2.0 * np.pi * values["reference_frequency"])
-            answer = np.hypot(unit.motion[0, 0, 0], unit.motion[0, 0, 1])
+            unit = steady_motion(free, 1.0, 2.0 * np.pi * values["reference_frequency"])
+            answer = np.hypot(unit[0, 0], unit[0, 1])
             if not answer > 0.0:
                 raise ValueError("the shaker does not move q1")
             scale /= answer

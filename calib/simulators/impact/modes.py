@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import eigh, null_space
 
 from calib.simulators.impact.problem import Regimes
+
+STRUCTURES_KEPT = 64  # whose modes are known: a motion that is followed over its drive has one all along
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +82,9 @@ def _modes(
 
     Returns the modal arrays of a regime by name, the complex harmonic (n,) and the static part (n,) of the coordinates.
     """
-    if basis.shape[1] == 0:
-        stiffness, shape = np.zeros(0), np.zeros((len(basis), 0))
-    else:
-        stiffness, vectors = eigh(basis.T @ structure.stiffness @ basis, basis.T @ structure.mass @ basis)
-        shape = basis @ vectors
-    # an eigenvalue that is only rounding is none
-    stiffness[np.abs(stiffness) < 1e-13 * np.abs(stiffness).max(initial=0.0)] = 0.0
+    stiffness, shape = _undamped(
+        *(array.tobytes() for array in (structure.stiffness, structure.mass, basis)), *basis.shape
+    )
     rate = structure.rate(stiffness)
     with np.errstate(all="ignore"):  # an undamped resonance: the run says that it diverges
         harmonic = shape.T @ load @ _derivative_factors(omega) * drive / (stiffness - omega**2 + 2j * rate * omega)
@@ -103,6 +102,30 @@ def _modes(
     if drive == 0.0:
         harmonic = np.zeros(len(stiffness), dtype=complex)
     return arrays, shape @ harmonic, shape @ deflection
+
+
+@lru_cache(maxsize=STRUCTURES_KEPT)
+def _undamped(stiffness: bytes, mass: bytes, basis: bytes, n: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (m,) [1/s^2] and mass-normalised shapes (n, m) within the span of `basis` (n, m), read-only."""
+    k, within = np.frombuffer(stiffness).reshape(n, n), np.frombuffer(basis).reshape(n, m)
+    if m == 0:
+        eigenvalues, shape = np.zeros(0), np.zeros((n, 0))
+    else:
+        eigenvalues, vectors = eigh(within.T @ k @ within, within.T @ np.frombuffer(mass).reshape(n, n) @ within)
+        shape = within @ vectors
+    # an eigenvalue that is only rounding is none
+    eigenvalues[np.abs(eigenvalues) < 1e-13 * np.abs(eigenvalues).max(initial=0.0)] = 0.0
+    for array in (eigenvalues, shape):
+        array.setflags(write=False)
+    return eigenvalues, shape
+
+
+@lru_cache(maxsize=STRUCTURES_KEPT)
+def _along(normal: bytes) -> np.ndarray:
+    """Orthonormal displacements (n, n - 1) that leave a clearance of this normal (n,) as it is, read-only."""
+    basis = null_space(np.frombuffer(normal)[None, :])
+    basis.setflags(write=False)
+    return basis
 
 
 def _free(structure: LinearStructure, drive: complex, omega: float) -> dict[str, np.ndarray]:
@@ -128,7 +151,7 @@ def _contact(
     contact force has come down to zero.
     """
     mass, stiffness = structure.mass, structure.stiffness
-    basis = null_space(stop.normal[None, :])
+    basis = _along(stop.normal.tobytes())
     held = np.outer(stiffness @ stop.hit, [stop.input, 0.0, 0.0]) + np.outer(mass @ stop.hit, [0.0, 0.0, stop.input])
     arrays, harmonic, static = _modes(
         structure, basis, structure.load + held, structure.constant + stiffness @ stop.hit * stop.gap, drive, omega
@@ -152,6 +175,16 @@ def _contact(
         "witness_input": -(by_load + np.array([by_q @ motion_input, by_v @ motion_input, 0.0])),
         "witness_law": -stop.normal,
     }
+
+
+def steady_motion(structure: LinearStructure, drive: complex, omega: float) -> np.ndarray:
+    """Parts [cos, sin, constant] of the stationary motion (n, 3) out of contact under U = Re(drive exp(i omega t)).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError, ValueError : as `regimes`
+    """
+    return _free(structure, drive, omega)["motion"]
 
 
 def regimes(structure: LinearStructure, drive: complex, omega: float) -> Regimes:
