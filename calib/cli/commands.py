@@ -28,7 +28,7 @@ from calib.cli.options import (
     pool_table,
     reporting_mistakes,
 )
-from calib.cli.parameters import sensitivity
+from calib.cli.parameters import sensitivity, window
 from calib.errors import WorkersLost
 
 # ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
@@ -180,7 +180,7 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
     sys.exit(EXIT_DONE if simulate_once(study, settings, record, output) else EXIT_NOTHING)
 
 
-for command in (sweep, branch, response, basins, sensitivity, diagnose, discover, rehearse):
+for command in (sweep, branch, response, basins, sensitivity, window, diagnose, discover, rehearse):
     main.add_command(command)
 
 

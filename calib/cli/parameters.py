@@ -1,4 +1,4 @@
-"""The command of `calib` that asks what the parameters do; what it does lives behind it."""
+"""The commands of `calib` that ask what the parameters do, or how far they may vary; what they do lives behind them."""
 
 import sys
 from pathlib import Path
@@ -46,3 +46,39 @@ def sensitivity(study: Path, **options: Any) -> None:
     from calib.cli.sensitivity import print_sensitivity  # see above
 
     sys.exit(EXIT_DONE if print_sensitivity(study, **options) else EXIT_NOTHING)
+
+
+@click.command(short_help="Where the model behaves as was measured, and how far parameters may vary.")
+@STUDY
+@OUT
+@click.option("--budget", type=click.IntRange(min=1), default=300, show_default=True, help="Points in all.")
+@click.option("--tolerance", "-t", multiple=True, metavar="[TERM=]VALUE",
+              help="Largest distance of an admissible point, of a term or of each. [default: 0.05, or the square root "
+              "of 2 times the calibrated distance where that is more]")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), help="Of points and draws. [default: the study's]")
+@JOBS
+@POOL
+@FRESH
+@click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only.")
+@JSON
+@reporting_mistakes
+def window(study: Path, **options: Any) -> None:
+    """Draw the window of STUDY's parameters inside which the model behaves as was measured.
+
+    STUDY has to be calibrated before. A point is admissible where the motion is of the measured kind in all records,
+    and the distance of each term is within its tolerance. Every condition is emulated as a graded margin, and points
+    are evaluated where they make the boundary most certain. What was stopped or killed goes on with the same command; a
+    larger --budget goes on from a smaller one.
+
+    \b
+    Leaves in out/:  window.json   share of the box, what bounds the window where, tolerances, largest box and ellipsoid
+                     window.nc     points, probabilities, slices
+                     window.png    slices and projections
+                     window/       every point, in a ledger
+
+    \b
+    Example:  calib window studies/minimal --tolerance 0.1
+    """
+    from calib.cli.window import print_window  # see above
+
+    print_window(study, **options)

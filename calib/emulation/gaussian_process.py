@@ -25,6 +25,7 @@ START_NOISE_VARIANCE = 1e-4  # variances of the values  [1]
 MAX_POINTS_OF_LIKELIHOOD = 300  # more would cost seconds a fit and change little; all points enter the prediction  [1]
 MAX_LIKELIHOODS = 100  # evaluations of the marginal likelihood in one climb  [1]
 POINTS_A_TREND_TERM = 2  # fewer leave nothing to tell the trend from the process by  [1]
+MAX_JITTERS = 6  # powers of ten of the jitter that are tried
 DRAW_JITTER = 1e-9  # added to the variance of joint draws, variances of the values  [1]
 
 
@@ -94,16 +95,24 @@ class GaussianProcess:
         variance = np.column_stack([std**2 for _, std in predicted]) - np.exp(self.hyperparameters[:, -1])
         return Emulated(self.centre + self.scale * mean, self.scale * np.sqrt(np.maximum(variance, 0.0)))
 
+    def covariance(self, points: np.ndarray) -> np.ndarray:
+        """Posterior covariance (outputs, m, m) at points (m, dim), in the squared units of the values."""
+        noise = np.exp(self.hyperparameters[:, -1])
+        return np.stack(
+            [
+                scale**2 * (regressor.predict(points, return_cov=True)[1] - own * np.eye(len(points)))
+                for regressor, own, scale in zip(self._regressors, noise, self.scale, strict=True)
+            ]
+        )
+
     def draw(self, points: np.ndarray, number: int, seed: int) -> np.ndarray:
         """Joint draws (number, m, outputs) of the quantities at points (m, dim), outputs independent of each other."""
         rng = np.random.default_rng(seed)
-        drawn = np.empty((number, len(points), len(self._regressors)))
-        for output, regressor in enumerate(self._regressors):
-            mean, covariance = regressor.predict(points, return_cov=True)
-            noise = np.exp(self.hyperparameters[output, -1])
-            root = _root(covariance - noise * np.eye(len(points)))
-            drawn[:, :, output] = mean + rng.standard_normal((number, len(points))) @ root.T
-        return self.centre + self.scale * drawn
+        drawn = [
+            rng.standard_normal((number, len(points))) @ _root(covariance, scale).T
+            for covariance, scale in zip(self.covariance(points), self.scale, strict=True)
+        ]
+        return self.predict(points).mean + np.stack(drawn, axis=-1)
 
     def leave_one_out(self) -> LeaveOneOut:
         """Residuals of each point predicted by all others (Rasmussen & Williams 2006, eqs. 5.10 to 5.12)."""
@@ -116,7 +125,11 @@ class GaussianProcess:
     def extended(self, points: np.ndarray, values: np.ndarray) -> Self:
         """The emulator with more points (k, dim) and their values (k, outputs), hyperparameters held."""
         points, values = _checked(points, values)
-        points, values = np.vstack([self.points, points]), np.vstack([self.values, values])
+        return self.given(np.vstack([self.points, points]), np.vstack([self.values, values]))
+
+    def given(self, points: np.ndarray, values: np.ndarray) -> Self:
+        """The emulator of other points (n, dim) and values (n, outputs), hyperparameters held."""
+        points, values = _checked(points, values)
         regressors = tuple(
             _conditioned(theta, self.trend, points, column)
             for theta, column in zip(self.hyperparameters, ((values - self.centre) / self.scale).T, strict=True)
@@ -214,10 +227,13 @@ def _most_likely(points: np.ndarray, column: np.ndarray, trend: Trend, start: np
     return minimize(cost, best, method="L-BFGS-B", jac=True, bounds=kernel.bounds, options=options).x
 
 
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """Lower triangular root (m, m) of a covariance, with as much jitter as it needs."""
-    jitter = DRAW_JITTER * max(1.0, float(np.diag(covariance).max()))
-    for power in range(6):
+def _root(covariance: np.ndarray, scale: float) -> np.ndarray:
+    """Lower triangular root (m, m) of a covariance, with as much jitter as it needs.
+
+    scale : standard deviation of the values, in whose square jitter is stated
+    """
+    jitter = DRAW_JITTER * max(scale**2, float(np.diag(covariance).max()))
+    for power in range(MAX_JITTERS):
         try:
             return cholesky(covariance + 10.0**power * jitter * np.eye(len(covariance)), lower=True)
         except np.linalg.LinAlgError:

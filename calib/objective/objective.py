@@ -18,6 +18,7 @@ from calib.records import channels as channels_of
 from calib.records.cycles import MotionKind
 
 MAX_LINEAR_DISTANCE = 5.0  # from which on the cost rises more slowly than the distance
+MAX_AGREEMENT_DISTANCE = 0.05  # from which the simulation does not agree, 0.10 being a curve 10 % too large  [1]
 MIN_COST_OF_WRONG_KIND = 10.0  # of a motion; more than any of the right kind
 
 
@@ -65,6 +66,11 @@ class Objective:
     def measured_kinds(self) -> dict[str, str]:
         """Kind of the measured motion of each scored reference by its name."""
         return {name: self._prepared[name].motion.kind for name in self.scored}
+
+    @property
+    def measured_periods(self) -> dict[str, int | None]:
+        """Periods after which the measured motion of each scored reference returns, None where that is not known."""
+        return {name: self._prepared[name].motion.period for name in self.scored}
 
     def _blocks_of(self, term: Term) -> list[Blocks]:
         for name in term.records or ():

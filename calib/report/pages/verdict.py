@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from calib.objective import MISFIT
+from calib.objective.objective import MAX_AGREEMENT_DISTANCE
 from calib.records import OK
 from calib.records.cycles import NOT_PERIODIC
 from calib.report.formatting import capitalised, count, number, percent
@@ -11,7 +12,6 @@ from calib.report.pages.tables import unreachable
 from calib.study import CalibrationResult
 from calib.study.result import MotionSummary
 
-MAX_AGREEMENT_DISTANCE = 0.05  # from which the simulation does not agree, 0.10 being a curve 10 % too large  [1]
 MAX_LISTED_FEATURES = 4  # out of reach that a sentence lists
 
 Tone = Literal["good", "mind", "bad"]  # class of the box that a verdict stands in

@@ -1,0 +1,73 @@
+"""The graded margins of evaluated points: how far each is from leaving the window, and by what."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calib.confidence.window.motion import CLEARANCE, CLOSING_SPEED, MULTIPLIER
+from calib.confidence.window.observed import Observed, graded
+from calib.objective.objective import MAX_AGREEMENT_DISTANCE, MIN_COST_OF_WRONG_KIND
+from calib.store import Trial
+
+MODEL_ERROR_FACTOR = np.sqrt(2.0)  # tolerance over calibrated distance: as much again, added in quadrature  [1]
+MECHANISMS = {  # quantity of a periodic motion -> what happens where its margin is zero
+    MULTIPLIER: "loss of stability",
+    CLEARANCE: "grazing: an impact appears",
+    CLOSING_SPEED: "grazing: an impact vanishes",
+}
+FEWEST_SHOWN_SHARE = (
+    0.5  # of the points of the measured kind, which have to show a quantity of the motion for its margin
+)
+
+
+def default_tolerance(distance: float) -> float:
+    """Tolerance of a term whose calibrated distance is `distance`  [1].
+
+    It is `MAX_AGREEMENT_DISTANCE`, up to which a simulation counts as agreeing, or, where the calibrated point is
+    farther off, the distance at which as much error again is added to the model's own, in quadrature.
+    """
+    return max(MAX_AGREEMENT_DISTANCE, float(MODEL_ERROR_FACTOR * distance))
+
+
+def of_measured_kind(trial: Trial) -> bool:
+    """Whether the motion of a point is of the measured kind in all records."""
+    return trial.scored and trial.cost < MIN_COST_OF_WRONG_KIND
+
+
+def observed_of(trials: Sequence[Trial], tolerances: Mapping[str, float]) -> Observed:
+    """What trials tell of the window.
+
+    Parameters
+    ----------
+    tolerances : term -> largest distance of an admissible point
+    """
+    right = np.array([of_measured_kind(trial) for trial in trials])
+    columns, labels, of_kind = list[np.ndarray](), list[str](), list[bool]()
+    for label, tolerance in tolerances.items():
+        distance = np.array([trial.terms.get(label, np.nan) if of_measured_kind(trial) else np.nan for trial in trials])
+        columns.append(graded(distance, tolerance))
+        labels.append(f"misfit of {label}")
+        of_kind.append(False)
+    for quantity, mechanism in MECHANISMS.items():
+        column = np.array([_motion_margin(trial, quantity) for trial in trials])
+        if np.isfinite(column[right]).sum() >= max(FEWEST_SHOWN_SHARE * right.sum(), 1):
+            columns.append(column)
+            labels.append(mechanism)
+            of_kind.append(True)
+    points = np.array([trial.u for trial in trials], dtype=float)
+    return Observed(points, right, np.column_stack(columns), tuple(labels), tuple(of_kind))
+
+
+def _motion_margin(trial: Trial, quantity: str) -> float:
+    """Margin of a quantity of the periodic motions, the least of all records; NaN where none shows it.
+
+    Of a multiplier it is 1 minus the square of its modulus, which is smooth where two multipliers meet on the real axis
+    as on the circle; of a speed its square, which vanishes with the parameter as a clearance does (Nordmark 1991).
+    """
+    shown = [one for one in trial.features if one["label"] == quantity and one["simulated"] is not None]
+    if not of_measured_kind(trial) or not shown:
+        return float("nan")
+    ratios = [one["simulated"] / one["tolerance"] for one in shown]
+    if quantity == MULTIPLIER:
+        return float(1.0 - max(ratios) ** 2)
+    return float(min(ratios) ** 2 if quantity == CLOSING_SPEED else min(ratios))

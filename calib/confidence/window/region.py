@@ -1,0 +1,179 @@
+"""Emulated region: the probability that a point is admissible, from an emulator of each margin."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import cdist
+from scipy.stats import norm
+
+from calib.confidence.window.observed import KIND_MARGIN, Observed
+from calib.emulation.gaussian_process import GaussianProcess, fit
+from calib.emulation.trend import Trend, monomials_of_trend
+
+MIN_STD = 1e-9  # of a margin, lest a certain one be divided by zero  [1]
+EXPLAINED_PROBABILITY = 0.5  # of a kind's margins being positive, below which they explain another kind  [1]
+NEAR_BOUNDARY = 0.5  # of the margin's spread: points by which the stated errors are checked  [1]
+MAX_INFLATION = 3.0  # of stated standard deviations  [1]
+MIN_POINTS = 4  # of which a margin is emulated
+POINTS_A_COEFFICIENT = 3  # of a trend
+MIN_CHECKED_POINTS = 8  # near a boundary, from which stated errors are checked
+
+
+@dataclass(frozen=True, eq=False)
+class EmulatedMargin:
+    """One margin's emulator.
+
+    Attributes
+    ----------
+    label : what bounds the window where the margin is zero
+    process : emulator
+    of_kind : whether the kind of motion changes where it is zero
+    inflation : of its standard deviations, by the residuals of the points near the boundary left out one at a time
+    """
+
+    label: str
+    process: GaussianProcess
+    of_kind: bool
+    inflation: float
+
+    def predicted(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation (m,) of the margin at points (m, dim)."""
+        emulated = self.process.predict(points)
+        return emulated.mean[:, 0], np.maximum(self.inflation * emulated.std[:, 0], MIN_STD)
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Emulated region of the unit cube in which all margins are positive; there may be none.
+
+    Attributes
+    ----------
+    margins : emulators of all of them, that of the kind among them where other margins do not explain it
+    """
+
+    margins: tuple[EmulatedMargin, ...]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What may bound the region."""
+        return tuple(margin.label for margin in self.margins)
+
+    def met(self, points: np.ndarray) -> np.ndarray:
+        """Probability (m, margins) that each margin is positive at points (m, dim)."""
+        columns = []
+        for margin in self.margins:
+            mean, std = margin.predicted(points)
+            columns.append(norm.cdf(mean / std))
+        return np.column_stack(columns) if columns else np.ones((len(points), 0))
+
+    def probability(self, points: np.ndarray) -> np.ndarray:
+        """Probability (m,) that points (m, dim) are admissible."""
+        return self.met(points).prod(axis=1)
+
+    def kind(self, points: np.ndarray) -> np.ndarray:
+        """Probability (m,) that the motion is of the measured kind at points (m, dim)."""
+        met = self.met(points)
+        return met[:, [margin.of_kind for margin in self.margins]].prod(axis=1)
+
+    def draws(self, points: np.ndarray, number: int, seed: int) -> np.ndarray:
+        """Draws (number, m) of whether points (m, dim) are admissible, jointly."""
+        inside = np.ones((number, len(points)), dtype=bool)
+        for k, margin in enumerate(self.margins):
+            mean = margin.process.predict(points).mean[:, 0]
+            drawn = margin.process.draw(points, number, seed + k)[:, :, 0]
+            inside &= mean + margin.inflation * (drawn - mean) > 0
+        return inside
+
+
+def emulated(observed: Observed, held: Region | None = None) -> Region | None:
+    """Emulate the region from what was observed; None where no point is of the measured kind, or they are too few.
+
+    Parameters
+    ----------
+    held : a region of fewer points, whose hyperparameters and trends are taken over
+    """
+    known = {} if held is None else {margin.label: margin for margin in held.margins}
+    margins = []
+    for k, (label, of_kind) in enumerate(zip(observed.labels, observed.of_kind, strict=True)):
+        shown = observed.right & np.isfinite(observed.margins[:, k])
+        points, values = observed.points[shown], observed.margins[shown, k]
+        margins.append(_emulated_margin(label, of_kind, points, values, known.get(label)))
+    region = Region(_explaining([margin for margin in margins if margin is not None], observed.points[~observed.right]))
+    unexplained = ~observed.right
+    unexplained[unexplained] = region.kind(observed.points[unexplained]) > EXPLAINED_PROBABILITY
+    if unexplained.any() and observed.right.any():
+        used, own = observed.right | unexplained, known.get(KIND_MARGIN)
+        points, right = observed.points[used], observed.right[used]
+        if own is None:
+            own = _emulated_margin(KIND_MARGIN, True, points, signed_distances(points, right))
+        if own is not None:
+            signed = signed_distances(points, right, own.process.lengths[0])
+            own = _emulated_margin(KIND_MARGIN, True, points, signed, None if KIND_MARGIN not in known else own)
+        region = Region((*region.margins, *([] if own is None else [own])))
+    return region if region.margins else None
+
+
+def _explaining(margins: Sequence[EmulatedMargin], wrong: np.ndarray) -> tuple[EmulatedMargin, ...]:
+    """Margins without those of a kind that explain none of the points (k, dim) of another kind.
+
+    The clearance of a motion, say, falls to zero also where an impact appears and the kind stays.
+    """
+    return tuple(
+        margin
+        for margin in margins
+        if not margin.of_kind or (len(wrong) and (Region((margin,)).probability(wrong) < EXPLAINED_PROBABILITY).any())
+    )
+
+
+def signed_distances(points: np.ndarray, right: np.ndarray, lengths: np.ndarray | None = None) -> np.ndarray:
+    """Half the distance (n,) of points (n, dim) from the nearest one of the other label, negative where wrong.
+
+    It is the margin of a kind of which nothing is known but the label: its zero lies midway between the kinds.
+
+    Parameters
+    ----------
+    lengths : (dim,) in which distances along each axis are measured, but for their geometric mean; None: equal ones
+    """
+    scale = np.ones(points.shape[1]) if lengths is None else lengths / np.exp(np.log(lengths).mean())
+    across = cdist(points[right] / scale, points[~right] / scale)
+    signed = np.empty(len(points))
+    signed[right], signed[~right] = 0.5 * across.min(axis=1), -0.5 * across.min(axis=0)
+    return signed
+
+
+def _emulated_margin(
+    label: str, of_kind: bool, points: np.ndarray, values: np.ndarray, held: EmulatedMargin | None = None
+) -> EmulatedMargin | None:
+    """Emulate a margin with the trend that predicts left-out points best; None where the points are too few."""
+    if len(points) < MIN_POINTS:
+        return None
+    if held is not None:
+        process = held.process.given(points, values[:, None])
+    else:
+        fits = [fit(points, values, Trend.CONSTANT)]
+        for trend in (Trend.LINEAR, Trend.QUADRATIC):
+            if len(points) >= POINTS_A_COEFFICIENT * monomials_of_trend(points[:1], trend).shape[1]:
+                fits.append(fit(points, values, trend, start=fits[0]))
+        process = max(fits, key=_predictive_density)
+    return EmulatedMargin(label, process, of_kind, _inflation(process))
+
+
+def _predictive_density(process: GaussianProcess) -> float:
+    """Mean logarithm of the predictive density of points near the boundary, left out one at a time."""
+    left_out, near = process.leave_one_out(), _near_boundary(process)
+    residuals, std = left_out.residuals[near, 0], left_out.std[near, 0]
+    return float(np.mean(-np.log(std) - 0.5 * (residuals / std) ** 2))
+
+
+def _inflation(process: GaussianProcess) -> float:
+    """Root mean square of the standardised residuals of points near the boundary, at least 1."""
+    left_out, near = process.leave_one_out(), _near_boundary(process)
+    z = left_out.residuals[near, 0] / left_out.std[near, 0]
+    return float(np.clip(np.sqrt(np.mean(z**2)), 1.0, MAX_INFLATION))
+
+
+def _near_boundary(process: GaussianProcess) -> np.ndarray:
+    """Which points (n,) are near the boundary: all, where these are few."""
+    near = np.abs(process.values[:, 0]) < NEAR_BOUNDARY * process.scale[0]
+    return near if near.sum() >= MIN_CHECKED_POINTS else np.ones(len(near), dtype=bool)

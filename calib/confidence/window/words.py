@@ -1,0 +1,58 @@
+"""A window in the words of a structural dynamicist."""
+
+from collections.abc import Mapping
+
+from calib.confidence.window.document import ParameterTolerance, WindowResult
+from calib.confidence.window.faces import WINDOW_END
+from calib.units import shown
+
+OPEN = "open"  # an end that the box of the study's windows bounds, and not the model
+
+
+def percent(share: float) -> str:
+    """Write a share in percent with two significant digits."""
+    return f"{100.0 * share:.2g} %"
+
+
+def share_in_words(result: WindowResult) -> str:
+    """Say how large the window is."""
+    return (
+        f"{percent(result.share)} of the box is admissible (95 % interval {percent(result.share_low)} to "
+        f"{percent(result.share_high)})"
+    )
+
+
+def alone(own: ParameterTolerance) -> str:
+    """Interval of a parameter while all others stay."""
+    low = OPEN if own.alone_low_cause == WINDOW_END else shown(own.alone_low, own.unit)
+    high = OPEN if own.alone_high_cause == WINDOW_END else shown(own.alone_high, own.unit)
+    return f"{low} .. {high}{_relative(own.value, own.alone_low, own.alone_high, OPEN in (low, high))}"
+
+
+def together(own: ParameterTolerance) -> str:
+    """Interval of a parameter in the largest box."""
+    if own.together_low is None or own.together_high is None:
+        return "none"
+    relative = _relative(own.value, own.together_low, own.together_high)
+    return f"{shown(own.together_low, own.unit)} .. {shown(own.together_high, own.unit)}{relative}"
+
+
+def bounds(own: ParameterTolerance) -> str:
+    """What bounds the window towards low and high values of a parameter."""
+    sides = [
+        f"{side}: {mechanisms_in_words(mechanisms)}"
+        for side, mechanisms in (("below", own.low_mechanisms), ("above", own.high_mechanisms))
+        if mechanisms
+    ]
+    return "; ".join(sides)
+
+
+def mechanisms_in_words(mechanisms: Mapping[str, float], most: int = 2) -> str:
+    """Name the most frequent mechanisms with their shares."""
+    return ", ".join(f"{name} {share:.0%}" for name, share in list(mechanisms.items())[:most])
+
+
+def _relative(value: float, low: float, high: float, open: bool = False) -> str:
+    if open or not value:
+        return ""
+    return f" ({100.0 * (low - value) / abs(value):+.2g} / {100.0 * (high - value) / abs(value):+.2g} %)"

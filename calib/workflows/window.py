@@ -1,0 +1,115 @@
+"""The admissible window of a calibrated study: its points evaluated, the files that say where it is."""
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from calib.confidence.window.analyse import analysed
+from calib.confidence.window.dataset import window_dataset
+from calib.confidence.window.design import start_points
+from calib.confidence.window.document import WindowResult, write_window
+from calib.confidence.window.margins import default_tolerance
+from calib.confidence.window.motion import WindowEvaluation
+from calib.confidence.window.run import explored
+from calib.errors import CalibError, nearest
+from calib.execution.files import whole
+from calib.execution.netcdf import write_dataset
+from calib.execution.workers import workers
+from calib.report.plots.style import png
+from calib.report.plots.window import window_figure
+from calib.store import Store
+from calib.study import result as calibration
+from calib.study_file import StudyFile, load
+from calib.workflows.calibrate import rebuild
+from calib.workflows.calibrated import calibrated_values
+
+WINDOW_DATA, WINDOW_PICTURE = "window.nc", "window.png"
+WINDOW_FOLDER = "window"  # in that of the results: the ledger
+DEFAULT_BUDGET = 300  # points
+ALL_TERMS = ""  # the name of a tolerance that is that of every term
+
+
+def window_study(
+    path: str | Path,
+    out: str | Path | None = None,
+    *,
+    budget: int = DEFAULT_BUDGET,
+    tolerance: Mapping[str, float] | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    pool: Mapping[str, Any] | None = None,
+    fresh: bool = False,
+    on_note: Callable[[str], None] = lambda text: None,
+    on_point: Callable[[int, int], None] = lambda done, total: None,
+) -> WindowResult:
+    """Draw the window in which a calibrated study's model behaves as was measured: `calib window` from Python.
+
+    A point is admissible where the motion is of the measured kind in all records, and the distance of each term is
+    within its tolerance. Writes window.json, window.nc and window.png into the folder of the results, and draws
+    report.html anew. Goes on with the points evaluated before, of a smaller budget too.
+
+    Parameters
+    ----------
+    path : study file, or a folder with a study.toml; `calib run` must have found values
+    out : folder of the results; None: the study's
+    budget : points in all
+    tolerance : term -> largest distance of an admissible point, "" for every term; of the others it is 5 %, or the
+        square root of 2 times the calibrated distance where that is more
+    seed : of the points and draws; None: the study's
+    jobs : takes the place of the file's
+    pool : keys of a [pool] table that takes the place of the file's
+    fresh : forget the points evaluated so far
+    on_note : told what is going to be simulated, before it is
+    on_point : called with the number of points that are done, and of all
+
+    Raises
+    ------
+    CalibError : a mistake in the study file, the study is not calibrated, an unknown term, or no window was found
+    KeyboardInterrupt : stopped by Ctrl-C; the points evaluated until then are kept
+    """
+    begin = time.monotonic()
+    file = load(path, jobs=jobs, out=out, pool=pool)
+    study, folder = file.study, file.folder
+    start = study.space.point(calibrated_values(file, folder))
+    tolerances, seed = _tolerances(file, folder, tolerance or {}), study.seed if seed is None else seed
+    least = start_points(study.space.dim) + 1
+    if budget < least:
+        raise CalibError(f"--budget: {study.space.dim} parameters need {least} points at least, got {budget}")
+
+    def opened(done: int) -> None:
+        on_note(f"window over {study.space.dim} parameters: {budget} points, {done} done before")
+        on_point(done, budget)
+
+    evaluation = WindowEvaluation(study.without_search())
+    with workers(evaluation, study.evaluated_by, study.timeout, modules=study.code, on_note=on_note) as evaluations:
+        store = Store(folder / WINDOW_FOLDER, view=None, keep="best")
+        trials = explored(study, start, tolerances, budget, seed, store, evaluations, fresh, opened, on_point)
+    with threadpool_limits(1):
+        result, region, sample, observed = analysed(study, trials, start, tolerances, seed, time.monotonic() - begin)
+        units = list(result.units.values())
+        dataset = window_dataset(study.space, units, region, sample, observed, trials, start)
+    write_window(result, folder)
+    write_dataset(dataset, folder / WINDOW_DATA)
+    with whole(folder / WINDOW_PICTURE) as temporary:
+        temporary.write_bytes(png(window_figure(result, dataset)))
+    rebuild(path, out, jobs, pool)
+    return result
+
+
+def _tolerances(file: StudyFile, folder: Path, given: Mapping[str, float]) -> dict[str, float]:
+    """Tolerance of each term: the one given, that of every term, or the default."""
+    found = calibration.read(folder)
+    distances = {} if found is None else found.score.terms
+    labels = [term.label for term in file.study.objective.terms]
+    for label, value in given.items():
+        if label != ALL_TERMS and label not in labels:
+            raise CalibError(f"--tolerance: no term {label!r}{nearest(label, labels)}; there are {', '.join(labels)}")
+        if not value > 0.0:
+            raise CalibError(f"--tolerance: expected a distance above 0, got {value:g}")
+    return {
+        label: given.get(label, given.get(ALL_TERMS, default_tolerance(distances.get(label) or 0.0)))
+        for label in labels
+    }

@@ -1,0 +1,146 @@
+"""How many evaluations a window takes: emulated margins against classifiers of the label, on windows of known volume.
+
+Run as ``PYTHONPATH=tests python tests/benchmarks/bench_window.py --seeds 10 --evaluations 300,1000``; a sample of it is
+a test in ``tests/confidence/window``. Peers learn whether a point is admissible, and nothing else: boosted trees
+(scikit-learn) from Sobol points, and a Gaussian-process classifier (Bernoulli likelihood, Laplace's approximation,
+Matern 5/2 with a length for each parameter) whose points are chosen in batches where it is least certain, as level sets
+are sought in psychophysics (Letham et al. 2022, AISTATS 151, 8539; AEPsych).
+
+Printed are, for each window, the misclassified volume over the admissible volume (median and largest of the seeds), and
+in how many seeds the true share of the box lies in the stated 95 % interval.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from benchmarks.window_cases import CASES, DIM, TRUTH_POINTS, WindowCase, sobol
+from sklearn.ensemble import HistGradientBoostingClassifier
+from sklearn.gaussian_process import GaussianProcessClassifier
+from sklearn.gaussian_process.kernels import ConstantKernel, Matern
+from threadpoolctl import threadpool_limits
+
+from calib.confidence.window.design import WindowDesign, space_filling, start_points
+from calib.confidence.window.sampling import region_sample
+from calib.confidence.window.share import volume_share
+
+BATCH = 25  # points of which the next ones are chosen
+TEST_POINTS = 1 << 15  # at which a classification is compared with the truth
+REFITTED_UP_TO = 300  # points, up to which the classifier's hyperparameters are estimated anew; it costs minutes later
+POOL_POINTS = 1 << 11  # among which the classifier's next points are chosen
+
+START_KERNEL = ConstantKernel(10.0, (1e-1, 1e4)) * Matern(np.full(DIM, 0.7), (0.05, 30.0), nu=2.5)
+
+
+class WindowOutcome(NamedTuple):
+    """Misclassified volume over the admissible one, and whether the stated interval holds the true share."""
+
+    misclassified: float
+    honest: bool | None
+    stated: float = float("nan")
+
+
+def misclassified(case: WindowCase, said: np.ndarray, points: np.ndarray) -> float:
+    """Misclassified over admissible volume of a case, from what is said of points (m, 6)."""
+    true = case.admissible(points)
+    return float((said != true).sum() / true.sum())
+
+
+def emulated_margins(case: WindowCase, seed: int, evaluations: list[int]) -> dict[int, WindowOutcome]:
+    """Outcome after each number of evaluations."""
+    truth, points = case.admissible(sobol(TRUTH_POINTS, 1)).mean(), sobol(TEST_POINTS, 2)
+    design, found = WindowDesign(DIM, seed), {}
+    observed = case.observe(space_filling(DIM, start_points(DIM), seed))
+    while True:
+        number = len(observed.points)
+        if number in evaluations:
+            region = design.region(observed)
+            sample = region_sample(region, observed.points[observed.admissible], seed)
+            share = volume_share(region, sample, seed)
+            wrong = misclassified(case, region.probability(points) > 0.5, points)
+            found[number] = WindowOutcome(wrong, share.low <= truth <= share.high, share.misclassified / share.value)
+        left = [end - number for end in evaluations if end > number]
+        if not left:
+            return found
+        more = design.next_points(observed, min(BATCH, left[0]))
+        observed = case.observe(np.vstack([observed.points, more]))
+
+
+def boosted_trees(case: WindowCase, seed: int, evaluations: list[int]) -> dict[int, WindowOutcome]:
+    """Outcome of boosted trees that learn the label of Sobol points."""
+    found, test = {}, sobol(TEST_POINTS, 2)
+    for number in evaluations:
+        points = space_filling(DIM, number, seed)
+        trees = HistGradientBoostingClassifier(random_state=seed, min_samples_leaf=5).fit(
+            points, case.admissible(points)
+        )
+        found[number] = WindowOutcome(misclassified(case, trees.predict(test), test), None)
+    return found
+
+
+def bernoulli_level_set(case: WindowCase, seed: int, evaluations: list[int]) -> dict[int, WindowOutcome]:
+    """Outcome of a Gaussian-process classifier whose points are chosen where it is least certain."""
+    found, test = {}, sobol(TEST_POINTS, 2)
+    points = space_filling(DIM, start_points(DIM), seed)
+    kernel = START_KERNEL
+    while True:
+        number, labels = len(points), case.admissible(points)
+        if number <= REFITTED_UP_TO:
+            classifier = GaussianProcessClassifier(START_KERNEL, n_restarts_optimizer=2, random_state=seed)
+            kernel = classifier.fit(points, labels).kernel_
+        else:
+            classifier = GaussianProcessClassifier(kernel, optimizer=None).fit(points, labels)
+        if number in evaluations:
+            found[number] = WindowOutcome(misclassified(case, classifier.predict(test), test), None)
+        left = [end - number for end in evaluations if end > number]
+        if not left:
+            return found
+        pool = sobol(POOL_POINTS, seed + 1000 * number)
+        unsure = np.argsort(np.abs(classifier.predict_proba(pool)[:, 1] - 0.5))[: 4 * BATCH]
+        chosen = np.random.default_rng(seed + number).permutation(unsure)[: min(BATCH, left[0])]
+        points = np.vstack([points, pool[chosen]])
+
+
+METHODS: dict[str, Callable[[WindowCase, int, list[int]], dict[int, WindowOutcome]]] = {
+    "emulated margins": emulated_margins,
+    "Bernoulli level set": bernoulli_level_set,
+    "boosted trees": boosted_trees,
+}
+
+
+def main() -> None:
+    """Print a line for each case, method and number of evaluations."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--evaluations", default="100,300")
+    parser.add_argument("--methods", default=",".join(METHODS))
+    options = parser.parse_args()
+    evaluations = [int(number) for number in options.evaluations.split(",")]
+    with threadpool_limits(1):
+        for case in CASES:
+            for method in options.methods.split(","):
+                begin = time.process_time()
+                outcomes = [METHODS[method](case, seed, evaluations) for seed in range(options.seeds)]
+                seconds = (time.process_time() - begin) / options.seeds
+                for number in evaluations:
+                    own = [outcome[number] for outcome in outcomes]
+                    wrong = np.array([one.misclassified for one in own])
+                    honest = (
+                        ""
+                        if own[0].honest is None
+                        else (
+                            f", stated {np.median([one.stated for one in own]):.1%}, "
+                            f"interval honest in {sum(bool(one.honest) for one in own)} of {len(own)}"
+                        )
+                    )
+                    print(
+                        f"{case.name:8} {method:20} {number:5}: {np.median(wrong):.1%}, at most {wrong.max():.1%}"
+                        f"{honest} ({seconds:.0f} s CPU a seed)",
+                        flush=True,
+                    )
+
+
+if __name__ == "__main__":
+    main()
