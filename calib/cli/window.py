@@ -10,11 +10,12 @@ from rich.table import Table
 
 from calib.cli.options import pool_table
 from calib.cli.status import folder_of
+from calib.confidence.window.artifacts import WINDOW_DATA
 from calib.confidence.window.document import WINDOW_FILE, WindowResult
 from calib.confidence.window.words import alone, bounds, mechanisms_in_words, percent, share_in_words, together
 from calib.errors import CalibError
 from calib.execution.progress import Count
-from calib.workflows.window import ALL_TERMS, WINDOW_DATA, WINDOW_PICTURE, window_study
+from calib.workflows.window import ALL_TERMS, WINDOW_PICTURE, window_study
 
 
 def print_window(

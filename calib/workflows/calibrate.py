@@ -11,6 +11,7 @@ from typing import Any
 import xarray as xr
 
 from calib.confidence import Confidence, around_best, describe_near_optimal
+from calib.confidence.window.artifacts import read_drawn_window
 from calib.diagnosis import artifacts
 from calib.diagnosis.discovery.artifacts import read_discovery
 from calib.errors import CalibError
@@ -304,7 +305,7 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
     page = render(
         shown, calibrated.trials, records, calibrated.result, f"calib run {file.path}", calibrated.header, diagnosis,
         motions, study.jobs, base_study(file), read_discovery(folder),
-        *stored_confidence(folder),
+        *stored_confidence(folder), read_drawn_window(folder),
     )  # fmt: skip
     path = folder / "report.html"
     with whole(path) as temporary:

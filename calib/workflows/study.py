@@ -52,6 +52,8 @@ from calib.workflows.saved import save_study
 from calib.workflows.sensitive import Sensitivity
 from calib.workflows.sensitivity import sensitivity_study
 from calib.workflows.texts import calibration_html, calibration_text, study_text
+from calib.workflows.window import DEFAULT_BUDGET, window_study
+from calib.workflows.windowed import AdmissibleWindow
 
 FILE = "study.toml"
 FURTHER_TABLES = ("store", "diagnosis", "confidence")  # of a study file, which `Study` takes as they are
@@ -424,25 +426,24 @@ class Calibration:
     ) -> Profiled:  # fmt: skip
         """Intervals of the values by profiles of the likelihood, and their posterior distribution: `calib confidence`.
 
-        Parameters
-        ----------
-        pairs : of parameters that are profiled together, such as [("gain", "lag")]; "all" for every pair
-        posterior : whether the posterior distribution is sampled too
-        sample_nuisances : whether scale, shear and offset of records are sampled with the parameters
-        compare : study files of other models of the same records, calibrated, whose evidence is compared
-        jobs, pool : take the place of the study's
-        fresh : forget the points made so far
-        quiet : no progress on stderr
-
-        Raises
-        ------
-        CalibError : there are no calibrated values, or a pair names no searched parameter
+        The arguments are those of `calib.workflows.confidence.confidence_study`.
         """
         with Count("points", quiet) as count:
             return Profiled(confidence_study(
                 self.path, pairs=pairs, posterior=posterior, sample_nuisances=sample_nuisances, compare=compare,
                 jobs=jobs, pool=pool, fresh=fresh, on_progress=count,
             ))  # fmt: skip
+
+    def window(
+        self, *, budget: int = DEFAULT_BUDGET, tolerance: Mapping[str, float] | None = None, seed: int | None = None,
+        jobs: int | None = None, fresh: bool = False, quiet: bool = False,
+    ) -> AdmissibleWindow:  # fmt: skip
+        """Where the model behaves as was measured: `calib window`, with its arguments."""
+        with Count("points", quiet) as count:
+            summary = window_study(
+                self.path, budget=budget, tolerance=tolerance, seed=seed, jobs=jobs, fresh=fresh, on_point=count
+            )
+        return AdmissibleWindow(summary, self.folder)
 
     def __repr__(self) -> str:
         return calibration_text(self.summary)

@@ -5,9 +5,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from calib.confidence.window.analyse import analysed
+from calib.confidence.window.artifacts import WINDOW_DATA
 from calib.confidence.window.dataset import window_dataset
 from calib.confidence.window.design import start_points
 from calib.confidence.window.document import WindowResult, write_window
@@ -26,7 +28,7 @@ from calib.study_file import StudyFile, load
 from calib.workflows.calibrate import rebuild
 from calib.workflows.calibrated import calibrated_values
 
-WINDOW_DATA, WINDOW_PICTURE = "window.nc", "window.png"
+WINDOW_PICTURE = "window.png"
 WINDOW_FOLDER = "window"  # in that of the results: the ledger
 DEFAULT_BUDGET = 300  # points
 ALL_TERMS = ""  # the name of a tolerance that is that of every term
@@ -75,9 +77,7 @@ def window_study(
     study, folder = file.study, file.folder
     start = study.space.point(calibrated_values(file, folder))
     tolerances, seed = _tolerances(file, folder, tolerance or {}), study.seed if seed is None else seed
-    least = start_points(study.space.dim) + 1
-    if budget < least:
-        raise CalibError(f"--budget: {study.space.dim} parameters need {least} points at least, got {budget}")
+    _check_budget(budget, study.space.dim)
 
     def opened(done: int) -> None:
         on_note(f"window over {study.space.dim} parameters: {budget} points, {done} done before")
@@ -89,14 +89,23 @@ def window_study(
         trials = explored(study, start, tolerances, budget, seed, store, evaluations, fresh, opened, on_point)
     with threadpool_limits(1):
         result, region, sample, observed = analysed(study, trials, start, tolerances, seed, time.monotonic() - begin)
-        units = list(result.units.values())
-        dataset = window_dataset(study.space, units, region, sample, observed, trials, start)
+        dataset = window_dataset(study.space, list(result.units.values()), region, sample, observed, trials, start)
     write_window(result, folder)
     write_dataset(dataset, folder / WINDOW_DATA)
-    with whole(folder / WINDOW_PICTURE) as temporary:
-        temporary.write_bytes(png(window_figure(result, dataset)))
+    _draw(result, dataset, folder)
     rebuild(path, out, jobs, pool)
     return result
+
+
+def _draw(result: WindowResult, dataset: xr.Dataset, folder: Path) -> None:
+    with whole(folder / WINDOW_PICTURE) as temporary:
+        temporary.write_bytes(png(window_figure(result, dataset)))
+
+
+def _check_budget(budget: int, dim: int) -> None:
+    least = start_points(dim) + 1
+    if budget < least:
+        raise CalibError(f"--budget: {dim} parameters need {least} points at least, got {budget}")
 
 
 def _tolerances(file: StudyFile, folder: Path, given: Mapping[str, float]) -> dict[str, float]:

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import gammaln
 
 from calib.confidence.window.design import WindowDesign
-from calib.confidence.window.document import EllipsoidResult, KindShare, ParameterTolerance, WindowResult
-from calib.confidence.window.faces import WINDOW_END, Face, faces
+from calib.confidence.window.document import WINDOW_END, EllipsoidResult, KindShare, ParameterTolerance, WindowResult
+from calib.confidence.window.faces import Face, faces
 from calib.confidence.window.margins import observed_of, of_measured_kind
 from calib.confidence.window.observed import Observed
 from calib.confidence.window.region import Region
@@ -136,7 +136,8 @@ def _ellipsoid(region: Region, inside: np.ndarray, share: float) -> EllipsoidRes
 
 def _kinds(trials: Sequence[Trial]) -> tuple[KindShare, ...]:
     counts = Counter(
-        ((trial.kind or "") if trial.status == OK else trial.status, of_measured_kind(trial)) for trial in trials
+        ((trial.kind or "") if trial.status == OK else trial.status, of_measured_kind(trial, trials[0]))
+        for trial in trials
     )
     return tuple(KindShare(motion, measured, number) for (motion, measured), number in counts.most_common())
 

@@ -11,7 +11,7 @@ START_POINTS_A_PARAMETER = 8  # of the space-filling design that comes first
 TARGETS = 600  # uncertain points of which the certainty is sought
 CANDIDATES = 300  # among which a batch is chosen
 EXPLORING_SHARE = 8  # one point in so many of a batch goes on with the space-filling design
-MIN_VARIANCE = 1e-14  # of a margin, lest a known one be divided by zero  [1]
+MIN_MARGIN_VARIANCE = 1e-14  # of a margin, lest a known one be divided by zero  [1]
 SEED_STRIDE = 1000  # between the random numbers of two batches
 
 
@@ -90,13 +90,13 @@ def _targeted(region: Region, observed: Observed, batch: int, seed: int) -> np.n
     candidates, targets = slice(0, CANDIDATES), slice(CANDIDATES, None)
     blame, revealed = _blame(region, points[targets]), region.kind(points[candidates])
     covariances = [margin.process.covariance(points)[0] for margin in region.margins]
-    scales = [np.maximum(np.diag(covariance), MIN_VARIANCE) for covariance in covariances]
+    scales = [np.maximum(np.diag(covariance), MIN_MARGIN_VARIANCE) for covariance in covariances]
     noises = [margin.process.noise_std[0] ** 2 for margin in region.margins]
     taken = list[int]()
     for _ in range(batch):
         gain = np.zeros(CANDIDATES)
         for k, covariance in enumerate(covariances):
-            variance = np.diag(covariance)[candidates] + noises[k] + MIN_VARIANCE
+            variance = np.diag(covariance)[candidates] + noises[k] + MIN_MARGIN_VARIANCE
             share = (covariance[candidates, targets] ** 2 / scales[k][targets]) @ blame[:, k] / variance
             gain += share if region.labels[k] == KIND_MARGIN else revealed * share
         gain[taken] = -np.inf
@@ -108,11 +108,11 @@ def _targeted(region: Region, observed: Observed, batch: int, seed: int) -> np.n
 def _blame(region: Region, points: np.ndarray) -> np.ndarray:
     """Share (m, margins) that each margin has in the uncertainty of points (m, dim)."""
     met = region.met(points)
-    uncertain = met * (1.0 - met) + MIN_VARIANCE
+    uncertain = met * (1.0 - met) + MIN_MARGIN_VARIANCE
     return uncertain / uncertain.sum(axis=1, keepdims=True)
 
 
 def _given(covariance: np.ndarray, index: int, noise: float) -> np.ndarray:
     """Posterior covariance (m, m) once the point of that index is observed, with a noise of that variance."""
     column = covariance[:, index]
-    return covariance - np.outer(column, column) / (column[index] + noise + MIN_VARIANCE)
+    return covariance - np.outer(column, column) / (column[index] + noise + MIN_MARGIN_VARIANCE)

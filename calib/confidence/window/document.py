@@ -13,6 +13,7 @@ from calib.store.plain import plain, typed
 from calib.study.result import FailureSummary
 
 WINDOW_FILE = "window.json"
+WINDOW_END = "end of the window"  # what bounds a parameter that stays admissible to the end of the study's window
 
 
 @dataclass(frozen=True)

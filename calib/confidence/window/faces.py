@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.confidence.window.document import WINDOW_END
 from calib.confidence.window.region import Region
 from calib.confidence.window.sampling import RegionSample
 
 RAYS = 400  # from points of the window along the axes
 RAY_POINTS = 80  # along a ray to the end of the cube, the nearer the denser
-WINDOW_END = "end of the window"
 
 
 @dataclass(frozen=True)

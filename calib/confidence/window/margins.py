@@ -7,6 +7,7 @@ import numpy as np
 from calib.confidence.window.motion import CLEARANCE, CLOSING_SPEED, MULTIPLIER
 from calib.confidence.window.observed import Observed, graded
 from calib.objective.objective import MAX_AGREEMENT_DISTANCE, MIN_COST_OF_WRONG_KIND
+from calib.records.cycles import NO_CONTACT
 from calib.store import Trial
 
 MODEL_ERROR_FACTOR = np.sqrt(2.0)  # tolerance over calibrated distance: as much again, added in quadrature  [1]
@@ -15,9 +16,7 @@ MECHANISMS = {  # quantity of a periodic motion -> what happens where its margin
     CLEARANCE: "grazing: an impact appears",
     CLOSING_SPEED: "grazing: an impact vanishes",
 }
-FEWEST_SHOWN_SHARE = (
-    0.5  # of the points of the measured kind, which have to show a quantity of the motion for its margin
-)
+FEWEST_SHOWN_SHARE = 0.5  # of the points of the measured kind that have to show a quantity of the motion  [1]
 
 
 def default_tolerance(distance: float) -> float:
@@ -29,28 +28,32 @@ def default_tolerance(distance: float) -> float:
     return max(MAX_AGREEMENT_DISTANCE, float(MODEL_ERROR_FACTOR * distance))
 
 
-def of_measured_kind(trial: Trial) -> bool:
-    """Whether the motion of a point is of the measured kind in all records."""
-    return trial.scored and trial.cost < MIN_COST_OF_WRONG_KIND
+def of_measured_kind(trial: Trial, calibrated: Trial) -> bool:
+    """Whether the motion of a point is of the measured kind in all records, with contact as the calibrated one.
+
+    A measured record does not list its impacts: whether there is contact is known of simulations alone.
+    """
+    right = trial.scored and trial.cost < MIN_COST_OF_WRONG_KIND
+    return right and (NO_CONTACT in (trial.kind or "")) == (NO_CONTACT in (calibrated.kind or ""))
 
 
 def observed_of(trials: Sequence[Trial], tolerances: Mapping[str, float]) -> Observed:
-    """What trials tell of the window.
+    """What trials tell of the window; the first one is the calibrated point.
 
     Parameters
     ----------
     tolerances : term -> largest distance of an admissible point
     """
-    right = np.array([of_measured_kind(trial) for trial in trials])
+    right = np.array([of_measured_kind(trial, trials[0]) for trial in trials])
     columns, labels, of_kind = list[np.ndarray](), list[str](), list[bool]()
     for label, tolerance in tolerances.items():
-        distance = np.array([trial.terms.get(label, np.nan) if of_measured_kind(trial) else np.nan for trial in trials])
-        columns.append(graded(distance, tolerance))
+        distance = np.array([trial.terms.get(label, np.nan) for trial in trials])
+        columns.append(np.where(right, graded(np.where(right, distance, 0.0), tolerance), np.nan))
         labels.append(f"misfit of {label}")
         of_kind.append(False)
     for quantity, mechanism in MECHANISMS.items():
-        column = np.array([_motion_margin(trial, quantity) for trial in trials])
-        if np.isfinite(column[right]).sum() >= max(FEWEST_SHOWN_SHARE * right.sum(), 1):
+        column = np.where(right, [_motion_margin(trial, quantity) for trial in trials], np.nan)
+        if np.isfinite(column).sum() >= max(FEWEST_SHOWN_SHARE * right.sum(), 1):
             columns.append(column)
             labels.append(mechanism)
             of_kind.append(True)
@@ -65,7 +68,7 @@ def _motion_margin(trial: Trial, quantity: str) -> float:
     as on the circle; of a speed its square, which vanishes with the parameter as a clearance does (Nordmark 1991).
     """
     shown = [one for one in trial.features if one["label"] == quantity and one["simulated"] is not None]
-    if not of_measured_kind(trial) or not shown:
+    if not shown:
         return float("nan")
     ratios = [one["simulated"] / one["tolerance"] for one in shown]
     if quantity == MULTIPLIER:

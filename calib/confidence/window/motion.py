@@ -17,7 +17,7 @@ from calib.records import OK
 from calib.study import CalibrationStudy, Evaluation, evaluate
 
 MULTIPLIER, CLEARANCE, CLOSING_SPEED = "largest multiplier", "nearest miss", "slowest impact"  # what is measured
-MAX_SETTLING_PERIODS = 400  # from rest, in which the motion has to come close to a periodic one
+MAX_CYCLE_SETTLING_PERIODS = 400  # from rest, in which the motion has to come close to a periodic one
 SETTLING_CHUNK = 20  # periods between two looks
 SETTLED_DISTANCE = 1e-4  # in units of the map's scale: change of the state over one return
 
@@ -52,7 +52,7 @@ def motion_features(
     """Modulus of the largest multiplier, nearest miss and slowest impact of the motion of the record `name`.
 
     Empty where the excitation is not harmonic, the simulator offers no period map that knows its derivative, or the
-    motion does not settle from rest within `MAX_SETTLING_PERIODS`.
+    motion does not settle from rest within `MAX_CYCLE_SETTLING_PERIODS`.
     """
     reference, periods = objective.references[name], int(objective.measured_periods.get(name) or 0)
     if not reference.excitation.harmonic or not periods:
@@ -80,7 +80,7 @@ def motion_features(
 def settled_cycle(map: PeriodMap, periods: int) -> Cycle | None:
     """Periodic motion of so many periods that the map settles to from its initial state; None where it does not."""
     state = map.initial
-    for _ in range(MAX_SETTLING_PERIODS // SETTLING_CHUNK):
+    for _ in range(MAX_CYCLE_SETTLING_PERIODS // SETTLING_CHUNK):
         orbit = map.orbit(state, SETTLING_CHUNK)
         if orbit.status != OK:
             return None

@@ -15,7 +15,7 @@ MIN_STD = 1e-9  # of a margin, lest a certain one be divided by zero  [1]
 EXPLAINED_PROBABILITY = 0.5  # of a kind's margins being positive, below which they explain another kind  [1]
 NEAR_BOUNDARY = 0.5  # of the margin's spread: points by which the stated errors are checked  [1]
 MAX_INFLATION = 3.0  # of stated standard deviations  [1]
-MIN_POINTS = 4  # of which a margin is emulated
+MIN_EMULATED_POINTS = 4  # of which a margin is emulated
 POINTS_A_COEFFICIENT = 3  # of a trend
 MIN_CHECKED_POINTS = 8  # near a boundary, from which stated errors are checked
 
@@ -101,7 +101,8 @@ def emulated(observed: Observed, held: Region | None = None) -> Region | None:
         margins.append(_emulated_margin(label, of_kind, points, values, known.get(label)))
     region = Region(_explaining([margin for margin in margins if margin is not None], observed.points[~observed.right]))
     unexplained = ~observed.right
-    unexplained[unexplained] = region.kind(observed.points[unexplained]) > EXPLAINED_PROBABILITY
+    if unexplained.any():
+        unexplained[unexplained] = region.kind(observed.points[unexplained]) > EXPLAINED_PROBABILITY
     if unexplained.any() and observed.right.any():
         used, own = observed.right | unexplained, known.get(KIND_MARGIN)
         points, right = observed.points[used], observed.right[used]
@@ -146,7 +147,7 @@ def _emulated_margin(
     label: str, of_kind: bool, points: np.ndarray, values: np.ndarray, held: EmulatedMargin | None = None
 ) -> EmulatedMargin | None:
     """Emulate a margin with the trend that predicts left-out points best; None where the points are too few."""
-    if len(points) < MIN_POINTS:
+    if len(points) < MIN_EMULATED_POINTS:
         return None
     if held is not None:
         process = held.process.given(points, values[:, None])

@@ -75,11 +75,11 @@ def _batch(
     """Points that are evaluated after those of the trials, at most `left`."""
     if not trials:
         return start[None]
-    whole = min(WINDOW_BATCH - (len(trials) % WINDOW_BATCH), left)
+    whole = WINDOW_BATCH - len(trials) % WINDOW_BATCH  # whatever the budget: a larger one asks for the same points
     observed = observed_of(trials, tolerances)
     if not observed.right.any():
-        return space_filling(design.dim, len(trials) + whole, design.seed)[len(trials) :]
-    return design.next_points(observed, whole)
+        return space_filling(design.dim, len(trials) + whole, design.seed)[len(trials) :][:left]
+    return design.next_points(observed, whole)[:left]
 
 
 def _evaluate(

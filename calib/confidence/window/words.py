@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 
-from calib.confidence.window.document import ParameterTolerance, WindowResult
-from calib.confidence.window.faces import WINDOW_END
+from calib.confidence.window.document import WINDOW_END, ParameterTolerance, WindowResult
 from calib.units import shown
 
 OPEN = "open"  # an end that the box of the study's windows bounds, and not the model

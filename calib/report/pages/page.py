@@ -8,6 +8,7 @@ import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from calib.confidence.document import ConfidenceResult
+from calib.confidence.window.document import WindowResult
 from calib.diagnosis.discovery.document import DiscoveryResult
 from calib.diagnosis.document import DiagnosisResult
 from calib.objective import MISFIT
@@ -21,6 +22,7 @@ from calib.report.pages.discovery import discovery_chapter
 from calib.report.pages.picture import Picture, drawn, pictured
 from calib.report.pages.sections import RecordSection, record_section
 from calib.report.pages.verdict import verdict
+from calib.report.pages.window import window_chapter
 from calib.report.plots.search import kinds_of_motion, score_history
 from calib.store import Header, Trial
 from calib.study import CalibrationResult, CalibrationStudy
@@ -52,6 +54,7 @@ def render(
     confidence: ConfidenceResult | None = None,
     predictions: Mapping[str, xr.Dataset] | None = None,
     confidence_problem: str = "",
+    window: tuple[WindowResult, xr.Dataset] | None = None,
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -63,6 +66,7 @@ def render(
     command : that makes the page again
     header : of the ledger; versions and processor are shown
     diagnosis, discovery, confidence : None where there was none
+    window : document and arrays of the admissible window; None where there is none
     motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
     jobs : number of processes that draw the figures
     base : the study that this one extends; None where it extends none, or none is known
@@ -73,6 +77,7 @@ def render(
         "d": None if diagnosis is None else chapter(diagnosis, motions or {}, result, study),
         "f": None if discovery is None else discovery_chapter(discovery, result),
         "c": None if confidence is None else confidence_chapter(confidence, result, predictions or {}),
+        "w": None if window is None else window_chapter(*window, result),
         "search": _search(study, trials, result),
     }
     return _template().render(

@@ -74,9 +74,9 @@ def _legend(causes: list[str]) -> list[Patch | Line2D]:
     return handles
 
 
-def _pale(cause: int) -> tuple[float, ...]:
-    colour = np.array(to_rgb(CAUSE_COLOURS[cause % len(CAUSE_COLOURS)]))
-    return tuple(1.0 - PALENESS * (1.0 - colour))
+def _pale(cause: int) -> tuple[float, float, float]:
+    red, green, blue = to_rgb(CAUSE_COLOURS[cause % len(CAUSE_COLOURS)])
+    return 1.0 - PALENESS * (1.0 - red), 1.0 - PALENESS * (1.0 - green), 1.0 - PALENESS * (1.0 - blue)
 
 
 def _scaled(result: WindowResult, dataset: xr.Dataset, axis: int) -> tuple[np.ndarray, float, str]:
