@@ -74,8 +74,7 @@ class Study:
     effects : of the model, by name, "package.module:THING" or as `calib.Effect`
     terms : features that are compared, by name or as mappings with options; None: phase curves where all records
         have a period, displacement and velocity, else time histories
-    optimiser : name, or a mapping with its options; None: "multistart", or "surrogate" where simulations are few and
-        slow
+    optimiser : name, or a mapping with its options; None: "multistart", or "surrogate" for few and slow simulations
     budget : simulations of the search
     seed : of every random number
     jobs : processes of this machine; None: one for each core
@@ -240,8 +239,8 @@ class Study:
 
         Parameters
         ----------
-        out : folder in which study file and results are kept, and gone on with if there are results; None: a temporary
-            one, which goes when the result does
+        out : folder of study file and results, gone on with if there are any; None: a temporary one, which goes when
+            the result does
         budget, jobs, pool : take the place of the study's
         fresh : replace what is in the folder, and forget the trials made there
         quiet : no progress on stderr
@@ -389,10 +388,9 @@ class Calibration:
         ----------
         candidates : effects that may be the cause, in the place of the study's `diagnosis` candidates: "all", or by
             name ("all" among them), as {"name": ..., "bodies": [...]}, "package.module:THING" or `calib.Effect`
-        jobs, pool : take the place of the study's
         budget : a number of simulations, or a time such as "10 min", after which no fit or search begins
         seed : of the noise that is drawn; None: the study's
-        quiet : no progress on stderr
+        jobs, pool, quiet : as in `Study.run`
 
         Raises
         ------

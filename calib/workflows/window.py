@@ -64,8 +64,7 @@ def window_study(
     jobs : takes the place of the file's
     pool : keys of a [pool] table that takes the place of the file's
     fresh : forget the points evaluated so far
-    on_note : told what is going to be simulated, before it is
-    on_point : called with the number of points that are done, and of all
+    on_note, on_point : told what is going to be simulated; the number of points that are done, and of all
 
     Raises
     ------

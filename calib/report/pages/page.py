@@ -65,8 +65,7 @@ def render(
     result : of the calibration; what it does not know is left out of the page
     command : that makes the page again
     header : of the ledger; versions and processor are shown
-    diagnosis, discovery, confidence : None where there was none
-    window : document and arrays of the admissible window; None where there is none
+    diagnosis, discovery, confidence, window : None where there was none; of the window document and arrays
     motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
     jobs : number of processes that draw the figures
     base : the study that this one extends; None where it extends none, or none is known
