@@ -304,8 +304,7 @@ class Calibration:
 
     Attributes
     ----------
-    path : of the study file
-    folder : of its results
+    path, folder : of the study file, and of its results
     summary : the `CalibrationResult` of result.json; of a search that was stopped, what the trials so far say
 
     Parameters
