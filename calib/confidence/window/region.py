@@ -15,7 +15,7 @@ MIN_STD = 1e-9  # of a margin, lest a certain one be divided by zero  [1]
 EXPLAINED_PROBABILITY = 0.5  # of a kind's margins being positive, below which they explain another kind  [1]
 NEAR_BOUNDARY = 0.5  # of the margin's spread: points by which the stated errors are checked  [1]
 MAX_INFLATION = 3.0  # of stated standard deviations  [1]
-MIN_EMULATED_POINTS = 4  # of which a margin is emulated
+MIN_MARGIN_POINTS = 4  # of which a margin is emulated
 POINTS_A_COEFFICIENT = 3  # of a trend
 MIN_CHECKED_POINTS = 8  # near a boundary, from which stated errors are checked
 
@@ -147,7 +147,7 @@ def _emulated_margin(
     label: str, of_kind: bool, points: np.ndarray, values: np.ndarray, held: EmulatedMargin | None = None
 ) -> EmulatedMargin | None:
     """Emulate a margin with the trend that predicts left-out points best; None where the points are too few."""
-    if len(points) < MIN_EMULATED_POINTS:
+    if len(points) < MIN_MARGIN_POINTS:
         return None
     if held is not None:
         process = held.process.given(points, values[:, None])
