@@ -63,11 +63,9 @@ def render(
     trials : every trial of the ledger, in its order
     records : name of a reference -> record simulated at the best values, failed ones too; may be empty
     result : of the calibration; what it does not know is left out of the page
-    command : that makes the page again
-    header : of the ledger; versions and processor are shown
+    command, header : that makes the page again; of the ledger, whose versions and processor are shown
     diagnosis, discovery, confidence, window : None where there was none; of the window document and arrays
-    motions : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`)
-    jobs : number of processes that draw the figures
+    motions, jobs : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`); processes that draw figures
     base : the study that this one extends; None where it extends none, or none is known
     predictions, confidence_problem : bands of predicted records by name; why something cannot be shown, or ""
     """
