@@ -83,13 +83,13 @@ def to_si(quantity: str | float, unit: str) -> float:
     expected = _parse(f"1 {unit if unit != '1' else ''}", unit)
     if given.unitless and str(expected.units) != "dimensionless":
         raise CalibError(f"{quantity!r} has no unit: write '{quantity} {unit}', or the bare number for {unit}")
+    if not given.is_compatible_with(expected):
+        raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}; mend the unit")
     if _hertz(given) != _hertz(expected):
         raise CalibError(
             f"{quantity!r} is not converted to {unit or '1'}: hertz counts cycles, and 1 Hz may mean 1/s or "
             f"2 pi rad/s; work it out and write it in {unit or '1'}"
         )
-    if not given.is_compatible_with(expected):
-        raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}; mend the unit")
     try:
         value = float(given.m_as(expected.units))
     except (OverflowError, TypeError) as error:  # an integer beyond the range of float, or a complex number
