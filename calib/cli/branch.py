@@ -7,12 +7,12 @@ import click
 import numpy as np
 
 from calib.cli.curves import follow_and_draw, plane_of
-from calib.cli.given import bodies_drawn, map_at, quantity, setting, state, windows
+from calib.cli.given import bodies_drawn, map_at, quantity, setting, spare_other_files, state, windows
 from calib.dynamics.branch import Branch, follow
 from calib.dynamics.motion import kind_of_orbit
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.execution.netcdf import read_dataset, write_dataset
+from calib.execution.netcdf import write_dataset
 from calib.report.plots.continuation import branch_diagram
 from calib.report.plots.style import DPI
 from calib.study_file import load
@@ -48,8 +48,7 @@ def follow_branch(
         raise CalibError('--over: a branch is followed on a linear scale; drop ":log"')
     unit, drawn = held.unit(name), bodies_drawn(bodies, file, record)
     path = output or (out or file.folder) / "branch.nc"
-    if path.exists() and "special_kind" not in read_dataset(path):
-        raise CalibError(f"{path} is not a file of `calib branch`; choose another name")
+    spare_other_files(path, "special_kind", "calib branch")
     where = quantity("--at", at, unit)
     if not window.low <= where <= window.high:
         low, high = shown(window.low, unit), shown(window.high, unit)

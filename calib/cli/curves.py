@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from calib.cli.given import map_at, windows
+from calib.cli.given import map_at, spare_other_files, windows
 from calib.cli.tables import show_curves
 from calib.dynamics.branch import Branch
 from calib.dynamics.curve_dataset import curves_dataset
@@ -48,8 +48,7 @@ def plane_of(held: Setting, name: str, window: Window, curve: str, path: Path) -
                 held,
                 {name: a, second: b},
             )
-    if path.exists() and "curve_kind" not in read_dataset(path):
-        raise CalibError(f"{path} is not a file of `calib branch --curve`; choose another name")
+    spare_other_files(path, "curve_kind", "calib branch --curve")
     return second, ParameterPlane(
         lambda a, b: held.map({name: a, second: b}), (window.low, window.high), (own.low, own.high)
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
+from calib.execution.netcdf import read_dataset
 from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Parameter, Scale, Window
 from calib.records import STATE, prescribed
@@ -208,6 +209,25 @@ def _window(where: str, low: str, high: str, unit: str, scale: Scale) -> Window:
     ends = quantity(where, low, unit), quantity(where, high, unit)
     with at(where):
         return Window(*ends, scale)
+
+
+def spare_other_files(path: Path, variable: str, command: str) -> None:
+    """Pass where a result may be written to `path`: there is nothing, or a result of the same command.
+
+    Raises
+    ------
+    CalibError : a file without the `variable` that marks results of `command`, or one that cannot be read
+    """
+    if not path.exists():
+        return
+    try:
+        own = variable in read_dataset(path)
+    except CalibError as error:
+        raise CalibError(
+            f"{error}; `{command}` writes over results of its own only: remove it or choose another name"
+        ) from error
+    if not own:
+        raise CalibError(f"{path} is not a file of `{command}`; choose another name")
 
 
 def quantity(where: str, text: str, unit: str) -> float:

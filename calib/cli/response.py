@@ -6,12 +6,13 @@ from pathlib import Path
 import click
 import numpy as np
 
-from calib.cli.given import bodies_drawn, map_at, quantity, setting, windows
+from calib.cli.given import bodies_drawn, map_at, quantity, setting, spare_other_files, windows
+from calib.dynamics.orbit_kind import FAILED
 from calib.dynamics.response import AMPLITUDE, FREQUENCY, FrequencyResponse, ResponseBranch, frequency_response
 from calib.dynamics.response_dataset import response_dataset
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.execution.netcdf import read_dataset, write_dataset
+from calib.execution.netcdf import write_dataset
 from calib.report.plots.response import response_figure
 from calib.report.plots.style import DPI
 from calib.study_file import load
@@ -46,8 +47,7 @@ def respond(
     drawn = bodies_drawn(bodies, file, record)
     amplitudes = _levels(levels, held)
     path = output or (out or file.folder) / "response.nc"
-    if path.exists() and "branch_level" not in read_dataset(path):
-        raise CalibError(f"{path} is not a file of `calib response`; choose another name")
+    spare_other_files(path, "branch_level", "calib response")
     response = frequency_response(
         held, window, amplitudes, harmonics=harmonics, steps=steps, most=most, isolas=isolas,
         on_level=lambda level, done: click.echo(
@@ -57,6 +57,8 @@ def respond(
     for line in described(response, drawn):
         click.echo(line)
     if not response.branches:
+        low, high = (shown(end, "Hz") for end in window)
+        click.echo(f"no periodic motion is followed from {low} to {high}: nothing is written")
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
     dataset = response_dataset(response).assign_attrs(model=held.model.name)
@@ -86,7 +88,7 @@ def _window(over: str, held: Setting) -> tuple[float, float]:
 
 
 def _levels(text: str | None, held: Setting) -> list[float]:
-    """Read "A,B" of --levels into amplitudes (SI); a percentage is of the record's."""
+    """Read "A,B" of --levels into rising amplitudes (SI), each once; a percentage is of the record's."""
     own = held.value(AMPLITUDE)
     if text is None:
         return [own]
@@ -96,9 +98,9 @@ def _levels(text: str | None, held: Setting) -> list[float]:
             levels.append(0.01 * quantity("--levels", part[:-1], "1") * own)
         else:
             levels.append(quantity("--levels", part, held.unit(AMPLITUDE)))
-        if not levels[-1] > 0.0:
-            raise CalibError(f"--levels: expected positive amplitudes of the excitation, got {part!r}")
-    return levels
+        if not (levels[-1] > 0.0 and np.isfinite(levels[-1])):
+            raise CalibError(f"--levels: expected finite positive amplitudes of the excitation, got {part!r}")
+    return sorted(set(levels))
 
 
 def described(response: FrequencyResponse, bodies: Sequence[str]) -> Iterator[str]:
@@ -111,7 +113,8 @@ def described(response: FrequencyResponse, bodies: Sequence[str]) -> Iterator[st
         for body in bodies:
             yield from _largest(own, body, response.bodies.index(body))
     for met in response.irregular:
-        yield f"irregular at level {shown(met.level, response.unit)}, {shown(met.frequency, 'Hz')}: {met.kind}"
+        why = f"{met.kind}: {met.evidence}" if met.kind == FAILED else met.kind
+        yield f"not followed at level {shown(met.level, response.unit)}, {shown(met.frequency, 'Hz')}: {why}"
 
 
 def _one(response: ResponseBranch) -> Iterator[str]:

@@ -7,6 +7,8 @@ from click.testing import CliRunner
 
 from calib import records
 from calib.cli import main
+from calib.cli.response import described
+from calib.dynamics.response import FrequencyResponse, Irregular
 from calib.records.excitation import Excitation
 from calib.simulators.oscillator.oscillator import Oscillator
 
@@ -76,6 +78,8 @@ def test_a_response_says_what_is_on_it_and_leaves_file_and_picture(study):
         (["--over", "frequency=2:4:log"], "followed on a linear scale"),
         (["--over", "frequency=4:2"], "--over excitation.frequency"),
         (["--over", "frequency=2:4", "--levels", "1 mm"], "--levels"),
+        (["--over", "frequency=2mm:4mm"], "expected a quantity that can be given in Hz, got '2mm'"),
+        (["--over", "frequency=2:4", "--levels", "inf%"], "--levels: expected finite positive amplitudes"),
         (["--over", "frequency=2:4", "--levels", "-5%"], "positive amplitudes of the excitation, got '-5%'"),
         (["--over", "frequency=2:4", "--levels", "half"], "--levels"),
         (["--over", "frequency=2:4", "--bodies", "layer"], "no body 'layer'"),
@@ -92,3 +96,27 @@ def test_no_other_file_is_written_over(study):
         "response", study, "--over", "frequency=2:4", "-o", other, code=1
     ).stderr  # fmt: skip
     assert other.read_bytes() == before
+
+
+def test_a_damaged_file_of_an_earlier_run_is_named_with_what_to_do(study):
+    damaged = study / "response.nc"
+    damaged.write_bytes((study / "shaken.nc").read_bytes()[:3000])
+    said = calib("response", study, "--over", "frequency=2:4", "-o", damaged, code=1).stderr
+    assert "not a readable netCDF file" in said
+    assert "remove it or choose another name" in said
+    assert damaged.stat().st_size == 3000
+
+
+def test_a_level_that_is_given_twice_is_followed_once(study):
+    ended = calib("response", study, "--over", "frequency=2.5:3", "--levels", "0.1 N,0.1 N", "--steps", 2, "--most", 3,
+                  "--set", "damping=1")  # fmt: skip
+    assert ended.stderr.splitlines() == ["level 1 of 1: 0.1 N"]
+
+
+def test_what_is_not_followed_is_said_with_its_reason():
+    met = (Irregular(0.1, 2.0, "period-9", "returns after 9 periods"), Irregular(0.1, 3.0, "failed", "diverged"))
+    response = FrequencyResponse(("mass",), (2.0, 4.0), "N", (), met)
+    assert list(described(response, ["mass"])) == [
+        "not followed at level 0.1 N, 2 Hz: period-9",
+        "not followed at level 0.1 N, 3 Hz: failed: diverged",
+    ]

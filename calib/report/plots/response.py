@@ -97,7 +97,7 @@ def _irregular(axes: Axes, response: xr.Dataset, colours: dict[float, Colour]) -
     for level, colour in colours.items():
         for place in response.irregular_frequency.values[response.irregular_level.values == level]:
             axes.plot([place], [0.0], color=colour, **look, **at_axis)
-    return [Line2D([], [], label="irregular motion", color=LINE, markersize=7, **look)]
+    return [Line2D([], [], label="not followed", color=LINE, markersize=7, **look)]
 
 
 def _levels(axes: Axes, response: xr.Dataset, colours: dict[float, Colour], marks: list[Line2D]) -> None:
