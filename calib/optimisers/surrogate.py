@@ -36,9 +36,17 @@ class Surrogate:
     budget : evaluations in all, those before the first ask included
     batch : points wanted at a time
     screen : points before anything is emulated, those told before the first ask included; None as said above
+
+    Raises
+    ------
+    ValueError : a screen of a negative number of points
     """
 
     def __init__(self, dim: int, seed: int, budget: int = 100, batch: int = 1, screen: int | None = None):
+        if screen is not None and screen < 0:
+            raise ValueError(
+                f"screen: expected no negative number of points, got {screen}; leave it out for the default"
+            )
         self._dim, self._budget, self._batch, self._size = dim, budget, batch, screen
         self._sobol = Sobol(dim, rng=np.random.default_rng([seed, 1]))
         self._rng = np.random.default_rng([seed, 2])

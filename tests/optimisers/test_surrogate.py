@@ -133,3 +133,8 @@ def test_it_reaches_the_target_from_several_seeds(name, median):
     """A sample: `tests/benchmarks/compare_optimisers.py` runs twenty seeds, beside peers."""
     spent = [evaluations_to_target(Surrogate(6, seed, 150), PROBLEMS[name](seed), 150) for seed in range(7)]
     assert np.median(spent) <= median
+
+
+def test_a_negative_screen_is_refused():
+    with pytest.raises(ValueError, match="screen: expected no negative number of points, got -3"):
+        Surrogate(2, 0, screen=-3)
