@@ -1,14 +1,12 @@
 """The result of a window: what window.json holds."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from calib.errors import CalibError
-from calib.execution.files import whole
 from calib.modelling.parameter import Window
+from calib.store.document import read_document, write_document
 from calib.store.plain import plain, typed
 from calib.study.result import FailureSummary
 
@@ -127,8 +125,7 @@ class WindowResult:
 
 def write_window(result: WindowResult, folder: Path) -> None:
     """Write what `read_window` reads."""
-    with whole(folder / WINDOW_FILE) as temporary:
-        temporary.write_text(json.dumps(result.as_dict(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_document(result.as_dict(), folder / WINDOW_FILE)
 
 
 def read_window(folder: Path) -> WindowResult | None:
@@ -138,10 +135,4 @@ def read_window(folder: Path) -> WindowResult | None:
     ------
     CalibError : the file describes none
     """
-    path = folder / WINDOW_FILE
-    if not path.is_file():
-        return None
-    try:
-        return WindowResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, RecursionError) as error:
-        raise CalibError(f"{path} holds no window ({error}); delete it and run `calib window` again") from error
+    return read_document(folder / WINDOW_FILE, WindowResult.from_dict, "window", "calib window")

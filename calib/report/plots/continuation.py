@@ -25,6 +25,7 @@ from calib.report.plots.sweeps import (
     title,
 )
 
+Colour = str | tuple[float, float, float, float]
 FAINT = "#b5b5b5"  # dots of a sweep behind a branch
 DASHED = (0.0, (3.0, 1.5))  # line style: offset, then dash and gap, in line widths
 SPECIAL = {  # marker and colour of the bifurcation and grazing points of a branch
@@ -71,7 +72,8 @@ def branch_diagram(followed: Sequence[xr.Dataset], body: str, sweep: xr.Dataset 
         marks: dict[str, Line2D] = {}
         for branch, over in zip(followed, parameters, strict=True):
             heights = scale * branch.displacement.sel(body=body).values
-            _curve(upper, over.places, heights, branch.stable.values.astype(bool))
+            for height in heights:
+                stability_line(upper, over.places, height, branch.stable.values.astype(bool), SIMULATED)
             marks |= _special_points(rows, branch, over, heights)
             _multipliers(lower, branch, over)
         handles += marks.values()
@@ -96,14 +98,13 @@ def _in_unit_of(own: SweptParameter, other: SweptParameter, what: str) -> SweptP
     return own._replace(places=own.places * (other.scale / own.scale), scale=other.scale, unit=other.unit)
 
 
-def _curve(axes: Axes, places: np.ndarray, heights: np.ndarray, stable: np.ndarray) -> None:
-    """Draw stable parts solid and unstable ones dashed; the step from one to the other belongs to the unstable part."""
+def stability_line(axes: Axes, x: np.ndarray, y: np.ndarray, stable: np.ndarray, colour: Colour) -> None:
+    """Draw a curve (m,) solid where it is stable and dashed elsewhere; the step between belongs to the dashed part."""
     beside = ~stable
     beside[1:] |= ~stable[:-1]
     beside[:-1] |= ~stable[1:]
-    for height in heights:
-        axes.plot(places, np.where(stable, height, np.nan), color=SIMULATED, linewidth=1.5, zorder=3)
-        axes.plot(places, np.where(beside, height, np.nan), color=SIMULATED, linewidth=1.1, linestyle=DASHED, zorder=3)
+    axes.plot(x, np.where(stable, y, np.nan), color=colour, linewidth=1.5, zorder=3)
+    axes.plot(x, np.where(beside, y, np.nan), color=colour, linewidth=1.1, linestyle=DASHED, zorder=3)
 
 
 def _special_points(

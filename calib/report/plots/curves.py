@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from calib.report.plots.continuation import DASHED, SPECIAL
+from calib.report.plots.continuation import DASHED, SPECIAL, stability_line
 from calib.report.plots.style import LINE, MARK, STYLE, Look
 from calib.report.plots.sweeps import BESIDE, WIDE_FIGURE_WIDTH, SweptParameter, swept
 
@@ -30,9 +30,9 @@ def curve_map(curves: xr.Dataset, study: tuple[float, float] | None = None) -> F
         for index, kind in enumerate(kinds):
             mine = curves.curve_of_step.values == index
             a, b = (parameter.places[mine] for parameter in along)
-            _curve(axes, a, b, curves.bounding.values.astype(bool)[mine], SPECIAL[kind][1])
+            stability_line(axes, a, b, curves.bounding.values.astype(bool)[mine], SPECIAL[kind][1])
         handles = [
-            Line2D([], [], color=SPECIAL[kind][1], linewidth=1.6, label=kind) for kind in SPECIAL if kind in kinds
+            Line2D([], [], color=SPECIAL[kind][1], linewidth=1.5, label=kind) for kind in SPECIAL if kind in kinds
         ]
         if not curves.bounding.all():
             handles.append(Line2D([], [], color=LINE, linewidth=1.1, linestyle=DASHED, label="of unstable motion"))
@@ -62,14 +62,6 @@ def _axis(curves: xr.Dataset, name: str) -> SweptParameter:
     ends = swept(curves[f"{name}_window"])
     own = curves[name]
     return ends._replace(name=str(own.attrs["name"]), places=ends.scale * own.values, ratio=False)
-
-
-def _curve(axes: Axes, a: np.ndarray, b: np.ndarray, bounding: np.ndarray, colour: str) -> None:
-    beside = ~bounding
-    beside[1:] |= ~bounding[:-1]
-    beside[:-1] |= ~bounding[1:]
-    axes.plot(a, np.where(bounding, b, np.nan), color=colour, linewidth=1.6, zorder=3)
-    axes.plot(a, np.where(beside, b, np.nan), color=colour, linewidth=1.1, linestyle=DASHED, zorder=3)
 
 
 def _labels(axes: Axes, curves: xr.Dataset, along: list[SweptParameter]) -> None:

@@ -1,5 +1,7 @@
 """Frequency response: amplitude and phase over the frequency of the excitation, a colour a level."""
 
+from collections.abc import Mapping
+
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
@@ -8,11 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from calib.report.plots.continuation import DASHED, SPECIAL
+from calib.report.plots.continuation import DASHED, SPECIAL, Colour, stability_line
 from calib.report.plots.style import LINE, OTHER, STYLE, Look, shown_unit
 from calib.report.plots.sweeps import BESIDE, WIDE_FIGURE_WIDTH, channel_scale, known_bodies
 
-Colour = tuple[float, float, float, float]
 LEVELS = mpl.colormaps["viridis"]  # colours of the levels
 LIGHTEST = 0.82  # of the colour map: the yellow beyond it is too light on white  [1]
 
@@ -41,8 +42,8 @@ def response_figure(response: xr.Dataset, body: str, harmonic: int = 1) -> Figur
         for index, level in enumerate(response.branch_level.values.tolist()):
             part = own.isel(point=np.flatnonzero(own.branch_of_point.values == index))
             stable = part.stable.values.astype(bool)
-            _curve(upper, part.frequency.values, scale * part.amplitude.values, stable, colours[level])
-            _curve(lower, part.frequency.values, _unwrapped(part.phase.values), stable, colours[level])
+            stability_line(upper, part.frequency.values, scale * part.amplitude.values, stable, colours[level])
+            stability_line(lower, part.frequency.values, _unwrapped(part.phase.values), stable, colours[level])
         marks = _specials(upper, own, scale)
         marks += _irregular(upper, response, colours)
         _levels(upper, response, colours, marks)
@@ -63,15 +64,6 @@ def _unwrapped(phase: np.ndarray) -> np.ndarray:
     return whole - 360.0 * np.ceil(np.median(whole) / 360.0) if whole.size else whole
 
 
-def _curve(axes: Axes, x: np.ndarray, y: np.ndarray, stable: np.ndarray, colour: Colour) -> None:
-    """Draw stable parts solid and unstable ones dashed; the step from one to the other belongs to the unstable part."""
-    beside = ~stable
-    beside[1:] |= ~stable[:-1]
-    beside[:-1] |= ~stable[1:]
-    axes.plot(x, np.where(stable, y, np.nan), color=colour, linewidth=1.5, zorder=3)
-    axes.plot(x, np.where(beside, y, np.nan), color=colour, linewidth=1.1, linestyle=DASHED, zorder=2.5)
-
-
 def _specials(axes: Axes, own: xr.Dataset, scale: float) -> list[Line2D]:
     """Mark the points at which motions change; return an entry of the legend by kind."""
     handles = []
@@ -88,7 +80,7 @@ def _specials(axes: Axes, own: xr.Dataset, scale: float) -> list[Line2D]:
     return handles
 
 
-def _irregular(axes: Axes, response: xr.Dataset, colours: dict[float, Colour]) -> list[Line2D]:
+def _irregular(axes: Axes, response: xr.Dataset, colours: Mapping[float, Colour]) -> list[Line2D]:
     """Mark on the axis of frequency where a sweep meets motions that no branch follows."""
     if not response.sizes["irregular"]:
         return []
@@ -100,7 +92,7 @@ def _irregular(axes: Axes, response: xr.Dataset, colours: dict[float, Colour]) -
     return [Line2D([], [], label="not followed", color=LINE, markersize=7, **look)]
 
 
-def _levels(axes: Axes, response: xr.Dataset, colours: dict[float, Colour], marks: list[Line2D]) -> None:
+def _levels(axes: Axes, response: xr.Dataset, colours: Mapping[float, Colour], marks: list[Line2D]) -> None:
     """Say the levels, the highest first as in the picture, and what is marked."""
     unit = response.branch_level.attrs["units"]
     factor, name = shown_unit(unit, max(colours))
