@@ -109,7 +109,9 @@ def branch(study: Path, over: str, **options: Any) -> None:
 @click.option("--over", required=True, metavar="frequency=LOW:HIGH", help="The window of frequencies.")
 @click.option("--levels", metavar="A,B", help="Amplitudes of the excitation, such as '0.5 mm,1 mm', "
               "or '50%,100%' of the record's. [default: the record's]")  # fmt: skip
-@click.option("--harmonics", type=click.IntRange(min=1), default=3, show_default=True, help="The highest that is kept.")
+@click.option("--method", type=click.Choice(["shooting", "harmonic-balance"]), default="shooting", show_default=True,
+              help="Harmonic balance is fast, and out of contact or with a compliant one.")  # fmt: skip
+@click.option("--harmonics", type=click.IntRange(min=1), help="The highest that is kept [3], or balanced [7].")
 @click.option("--steps", type=click.IntRange(min=2), default=17, show_default=True,
               help="Frequencies of the sweep that the branches begin at.")  # fmt: skip
 @click.option("--most", type=click.IntRange(min=1), default=400, show_default=True, help="Points each way of a branch.")
@@ -128,8 +130,13 @@ def response(study: Path, over: str, **options: Any) -> None:
     through folds and where they are unstable; what comes beyond a grazing is followed, too. Marked are folds, flips
     (period doublings), Neimark-Sacker points, grazing, and frequencies at which the motion does not return.
 
+    With --method harmonic-balance the motions are Fourier series, where forces are functions of displacement and
+    velocity: many times faster, up to where a rigid stop is touched. What its harmonics leave out is measured by
+    shooting, and said.
+
     \b
     Example:  calib response studies/minimal --over frequency=20:32 --levels 50%,100%,200%
+              calib response studies/minimal --over frequency=20:32 --levels 5% --method harmonic-balance
     """
     from calib.cli.response import respond  # see above
 

@@ -7,8 +7,17 @@ import click
 import numpy as np
 
 from calib.cli.given import bodies_drawn, map_at, quantity, setting, spare_other_files, windows
+from calib.dynamics.harmonic_response import TOUCHING, balanced_response
 from calib.dynamics.orbit_kind import FAILED
-from calib.dynamics.response import AMPLITUDE, FREQUENCY, FrequencyResponse, ResponseBranch, frequency_response
+from calib.dynamics.response import (
+    AMPLITUDE,
+    FREQUENCY,
+    FrequencyResponse,
+    Irregular,
+    ResponseBranch,
+    Truncation,
+    frequency_response,
+)
 from calib.dynamics.response_dataset import response_dataset
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
@@ -18,13 +27,17 @@ from calib.report.plots.style import DPI
 from calib.study_file import load
 from calib.units import shown
 
+SHOOTING = "shooting"  # the method that is no harmonic balance
+SHOT_HARMONICS, BALANCED_HARMONICS = 3, 7  # the highest that is kept of a motion, and of a series, without --harmonics
+
 
 def respond(
     study: Path,
     over: str,
     *,
     levels: str | None,
-    harmonics: int,
+    method: str,
+    harmonics: int | None,
     steps: int,
     most: int,
     isolas: bool,
@@ -48,12 +61,8 @@ def respond(
     amplitudes = _levels(levels, held)
     path = output or (out or file.folder) / "response.nc"
     spare_other_files(path, "branch_level", "calib response")
-    response = frequency_response(
-        held, window, amplitudes, harmonics=harmonics, steps=steps, most=most, isolas=isolas,
-        on_level=lambda level, done: click.echo(
-            f"level {done + 1} of {len(amplitudes)}: {shown(level, held.unit(AMPLITUDE))}", err=True
-        ),
-    )  # fmt: skip
+    kept = harmonics or (SHOT_HARMONICS if method == SHOOTING else BALANCED_HARMONICS)
+    response = _followed(held, window, amplitudes, method, kept, steps, most, isolas)
     for line in described(response, drawn):
         click.echo(line)
     if not response.branches:
@@ -69,6 +78,31 @@ def respond(
         response_figure(dataset, body).savefig(picture, dpi=DPI)
         click.echo(f"picture: {picture}")
     return True
+
+
+def _followed(
+    held: Setting,
+    window: tuple[float, float],
+    levels: Sequence[float],
+    method: str,
+    harmonics: int,
+    steps: int,
+    most: int,
+    isolas: bool,
+) -> FrequencyResponse:
+    """Follow the motions by shooting or by harmonic balance, and say on standard error what is being worked on."""
+    unit = held.unit(AMPLITUDE)
+
+    def on_level(level: float, done: int) -> None:
+        click.echo(f"level {done + 1} of {len(levels)}: {shown(level, unit)}", err=True)
+
+    if method == SHOOTING:
+        return frequency_response(
+            held, window, levels, harmonics=harmonics, steps=steps, most=most, isolas=isolas, on_level=on_level
+        )
+    if isolas:
+        raise CalibError("--isolas: curves apart from the others are sought by shooting; drop --method or --isolas")
+    return balanced_response(held, window, levels, harmonics=harmonics, steps=steps, most=most, on_level=on_level)
 
 
 def _window(over: str, held: Setting) -> tuple[float, float]:
@@ -112,9 +146,34 @@ def described(response: FrequencyResponse, bodies: Sequence[str]) -> Iterator[st
             yield from _one(one)
         for body in bodies:
             yield from _largest(own, body, response.bodies.index(body))
-    for met in response.irregular:
-        why = f"{met.kind}: {met.evidence}" if met.kind == FAILED else met.kind
-        yield f"not followed at level {shown(met.level, response.unit)}, {shown(met.frequency, 'Hz')}: {why}"
+    if response.truncation is not None and response.branches:
+        yield _left_out(response.truncation, response.unit)
+    for level, why, alike in _alike(response.irregular):
+        low, high = shown(alike[0], "Hz"), shown(alike[-1], "Hz")
+        at = low if len(alike) == 1 else f"{low} .. {high} ({len(alike)} frequencies)"
+        yield f"not followed at level {shown(level, response.unit)}, {at}: {why}"
+
+
+def _alike(irregular: Sequence[Irregular]) -> Iterator[tuple[float, str, list[float]]]:
+    """Group motions that are not followed for one reason: its level, the reason, and the frequencies, rising."""
+    groups: dict[tuple[float, str], list[float]] = {}
+    for met in irregular:
+        why = f"{met.kind}: {met.evidence}" if met.kind in (FAILED, TOUCHING) else met.kind
+        groups.setdefault((met.level, why), []).append(met.frequency)
+    for (level, why), frequencies in groups.items():
+        yield level, why, sorted(frequencies)
+
+
+def _left_out(truncation: Truncation, unit: str) -> str:
+    where = f"level {shown(truncation.level, unit)}, {shown(truncation.frequency, 'Hz')}"
+    if not np.isfinite(truncation.largest):
+        return (
+            f"harmonic balance, {truncation.harmonics} harmonics: shooting finds no such motion at {where}: take more"
+        )
+    return (
+        f"harmonic balance, {truncation.harmonics} harmonics: where shooting went on from its motions it changed their "
+        f"state by at most {truncation.largest:.2g} of their size ({where})"
+    )
 
 
 def _one(response: ResponseBranch) -> Iterator[str]:

@@ -6,7 +6,7 @@ ahead (Keller 1977).
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -152,7 +152,7 @@ def near(
     return point, "" if point else "the motion fails beside the cycle"
 
 
-def roots(curve: SolutionCurve[P], base: P, ahead: P, tests: dict[str, Test[P]]) -> list[tuple[str, P]] | None:
+def roots(curve: SolutionCurve[P], base: P, ahead: P, tests: Mapping[str, Test[P]]) -> list[tuple[str, P]] | None:
     """Points between two neighbours at which a test changes sign, in their order; None where the curve is lost."""
     located = []
     for kind, test in tests.items():

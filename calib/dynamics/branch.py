@@ -8,12 +8,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.arclength import CLOSED, Mark, OneWay, Test, root, roots, run
+from calib.dynamics.arclength import CLOSED, CurvePoint, Mark, OneWay, Test, root, roots, run
 from calib.dynamics.grazing import extrapolated, impacts_differ, section_hint
 from calib.dynamics.orbits import SAME_STATE_DISTANCE, Cycle, checked_guess, cycle_at, reduced, shoot
 from calib.dynamics.tangent import jacobian
@@ -184,6 +184,10 @@ class _CurvePoint(NamedTuple):
     def corrections(self) -> int:
         return len(self.cycle.steps) - 1
 
+    @property
+    def multipliers(self) -> np.ndarray:
+        return self.cycle.multipliers
+
 
 @dataclass(frozen=True)
 class _Curve:
@@ -246,7 +250,7 @@ class _Curve:
         located = roots(self, base, ahead, TESTS)
         if located is None:
             return None
-        marks = [Mark(kind, point, _evidence(kind, point)) for kind, point in located]
+        marks = [Mark(kind, point, evidence(kind, point)) for kind, point in located]
         return [mark for mark in marks if mark.evidence]
 
     def where(self, point: _CurvePoint) -> str:
@@ -266,24 +270,44 @@ def _one_way(curve: _Curve, start: _CurvePoint, most: int) -> tuple[list[_CurveP
 # --- special points
 
 
-def _fold(point: _CurvePoint, _: _CurvePoint) -> float:
+class StabilityPoint(CurvePoint, Protocol):
+    """A cycle on a curve over one parameter.
+
+    Attributes
+    ----------
+    multipliers : (m,) complex Floquet multipliers
+    matrix : (d - 1, d) derivative of the equations
+    """
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Floquet multipliers (m,)."""
+        ...
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Derivative of the equations (d - 1, d)."""
+        ...
+
+
+def _fold(point: StabilityPoint, _: StabilityPoint) -> float:
     return float(point.tangent[-1])
 
 
-def _branching(point: _CurvePoint, base: _CurvePoint) -> float:
+def _branching(point: StabilityPoint, base: StabilityPoint) -> float:
     return float(np.linalg.det(np.vstack([point.matrix, base.tangent])))
 
 
-def _flip(point: _CurvePoint, _: _CurvePoint) -> float:
-    return float(np.prod(point.cycle.multipliers + 1.0).real)
+def _flip(point: StabilityPoint, _: StabilityPoint) -> float:
+    return float(np.prod(point.multipliers + 1.0).real)
 
 
-def _neimark_sacker(point: _CurvePoint, _: _CurvePoint) -> float:
-    pairs = itertools.combinations(point.cycle.multipliers, 2)
+def _neimark_sacker(point: StabilityPoint, _: StabilityPoint) -> float:
+    pairs = itertools.combinations(point.multipliers, 2)
     return float(np.prod([one * other - 1.0 for one, other in pairs]).real)
 
 
-TESTS: dict[str, Test[_CurvePoint]] = {
+TESTS: dict[str, Test[StabilityPoint]] = {
     "fold": _fold,
     "branching": _branching,
     "flip": _flip,
@@ -291,13 +315,12 @@ TESTS: dict[str, Test[_CurvePoint]] = {
 }
 
 
-def _evidence(kind: str, point: _CurvePoint) -> str:
+def evidence(kind: str, point: StabilityPoint) -> str:
     """Evidence of a special point; empty at a neutral saddle, where two real multipliers have the product 1."""
-    multipliers = point.cycle.multipliers
     if kind != "Neimark-Sacker":
-        nearest = multipliers[np.argmin(np.abs(multipliers - (-1.0 if kind == "flip" else 1.0)))]
+        nearest = point.multipliers[np.argmin(np.abs(point.multipliers - (-1.0 if kind == "flip" else 1.0)))]
         return f"a multiplier is {nearest.real:.6f}"
-    pairs = itertools.combinations(multipliers, 2)
+    pairs = itertools.combinations(point.multipliers, 2)
     one, _ = min(pairs, key=lambda pair: abs(pair[0] * pair[1] - 1.0))
     turned = abs(np.angle(one)) / (2.0 * math.pi)
     return f"a pair of modulus {abs(one):.6f} turns by {turned:.6f} of a circle per return" if one.imag else ""

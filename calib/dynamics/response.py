@@ -8,6 +8,7 @@ grazes; what the motion settles to beyond is followed, too.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,6 +76,23 @@ class Irregular:
     evidence: str
 
 
+class Truncation(NamedTuple):
+    """How much the harmonics that a series leaves out change the motion.
+
+    Attributes
+    ----------
+    harmonics : of the series
+    largest : change of the state at the section by shooting from the motion, over the motion's size, where it is
+        largest of the motions that were looked at  [1]; inf where shooting finds no motion there
+    level, frequency : where that is
+    """
+
+    harmonics: int
+    largest: float
+    level: float
+    frequency: float
+
+
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
     """Responses over one window of frequencies at one or more levels.
@@ -86,6 +104,7 @@ class FrequencyResponse:
     unit : of the levels
     branches : by rising level; at each in the order in which they were found
     irregular : motions of the sweep that do not return, or too late
+    truncation : of the series, where the motions are found by harmonic balance
     """
 
     bodies: tuple[str, ...]
@@ -93,6 +112,7 @@ class FrequencyResponse:
     unit: str
     branches: tuple[ResponseBranch, ...]
     irregular: tuple[Irregular, ...]
+    truncation: Truncation | None = None
 
     def at(self, level: float) -> tuple[ResponseBranch, ...]:
         """Branches at one level."""
@@ -137,19 +157,13 @@ def frequency_response(
     CalibError : a window without width or with frequencies that are none, no level or one that is not positive, less
         than one harmonic or two steps, or a simulator that does not sample its motion
     """
-    low, high = window
-    if not (np.isfinite([low, high]).all() and 0.0 < low < high):
-        raise CalibError(f"expected frequencies from a positive one to a higher one [Hz], got {low:g} .. {high:g}")
-    if not levels or not all(np.isfinite(level) and level > 0.0 for level in levels):
-        raise CalibError(f"expected one or more positive levels, got {list(levels)}")
-    if harmonics < 1 or steps < 2:
-        raise CalibError(f"expected at least 1 harmonic and 2 steps, got {harmonics} and {steps}")
+    check_window(window, levels, harmonics, steps)
     sampled(setting, setting.map())
     branches: list[ResponseBranch] = []
     irregular: list[Irregular] = []
     for done, level in enumerate(sorted(set(levels))):
         on_level(level, done)
-        search = _LevelSearch(setting, (low, high), level, steps, most, amplitude)
+        search = _LevelSearch(setting, window, level, steps, most, amplitude)
         search.sweep()
         found = len(search.branches)
         if isolas:
@@ -159,9 +173,23 @@ def frequency_response(
             for i, branch in enumerate(search.branches)
         ]
         irregular += search.irregular
-    return FrequencyResponse(
-        setting.map().bodies, (low, high), setting.unit(AMPLITUDE), tuple(branches), tuple(irregular)
-    )
+    return FrequencyResponse(setting.map().bodies, window, setting.unit(AMPLITUDE), tuple(branches), tuple(irregular))
+
+
+def check_window(window: tuple[float, float], levels: Sequence[float], harmonics: int, steps: int) -> None:
+    """Check what a response is asked for.
+
+    Raises
+    ------
+    CalibError : as `frequency_response`, but for the simulator
+    """
+    low, high = window
+    if not (np.isfinite([low, high]).all() and 0.0 < low < high):
+        raise CalibError(f"expected frequencies from a positive one to a higher one [Hz], got {low:g} .. {high:g}")
+    if not levels or not all(np.isfinite(level) and level > 0.0 for level in levels):
+        raise CalibError(f"expected one or more positive levels, got {list(levels)}")
+    if harmonics < 1 or steps < 2:
+        raise CalibError(f"expected at least 1 harmonic and 2 steps, got {harmonics} and {steps}")
 
 
 def sampled(setting: Setting, map: PeriodMap) -> SampledMap:

@@ -1,9 +1,11 @@
 """A frequency response as one Dataset."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.response import FrequencyResponse
+from calib.dynamics.response import FrequencyResponse, Truncation
 
 
 def response_dataset(response: FrequencyResponse) -> xr.Dataset:
@@ -55,5 +57,20 @@ def response_dataset(response: FrequencyResponse) -> xr.Dataset:
             "body": list(response.bodies),
             "harmonic": np.arange(harmonics.shape[1]),
         },
-        attrs={"lowest_frequency": response.window[0], "highest_frequency": response.window[1]},
+        attrs={
+            "lowest_frequency": response.window[0],
+            "highest_frequency": response.window[1],
+            **_method(response.truncation),
+        },
     )
+
+
+def _method(truncation: Truncation | None) -> dict[str, Any]:
+    """Attributes that say how the motions were found."""
+    if truncation is None:
+        return {"method": "shooting"}
+    return {
+        "method": "harmonic balance",
+        "balanced_harmonics": truncation.harmonics,
+        "largest_change_by_shooting": truncation.largest,
+    }

@@ -113,10 +113,24 @@ def test_a_level_that_is_given_twice_is_followed_once(study):
     assert ended.stderr.splitlines() == ["level 1 of 1: 0.1 N"]
 
 
+def test_a_response_by_harmonic_balance_says_what_its_harmonics_leave_out(study):
+    ended = calib("response", study, "--over", "frequency=2.5:4.5", "--levels", "100%", "--steps", 5,
+                  "--set", "damping=1", "--method", "harmonic-balance")  # fmt: skip
+    said = ended.stdout.splitlines()
+    assert said[2:4] == ["    fold at 3.8553226 Hz", "    fold at 3.5080271 Hz"]
+    [left_out] = [line for line in said if line.startswith("harmonic balance, 7 harmonics: ")]
+    assert "changed their state by at most" in left_out
+    with xr.open_dataset(study / "response.nc") as written:
+        assert written.attrs["method"] == "harmonic balance"
+    refused = calib("response", study, "--over", "frequency=2.5:3", "--isolas", "--method", "harmonic-balance", code=1)
+    assert "--isolas: " in refused.stderr
+
+
 def test_what_is_not_followed_is_said_with_its_reason():
-    met = (Irregular(0.1, 2.0, "period-9", "returns after 9 periods"), Irregular(0.1, 3.0, "failed", "diverged"))
+    met = (Irregular(0.1, 2.0, "period-9", "returns after 9 periods"), Irregular(0.1, 3.0, "failed", "diverged"),
+           Irregular(0.1, 2.5, "period-9", "returns after 9 periods"))  # fmt: skip
     response = FrequencyResponse(("mass",), (2.0, 4.0), "N", (), met)
     assert list(described(response, ["mass"])) == [
-        "not followed at level 0.1 N, 2 Hz: period-9",
+        "not followed at level 0.1 N, 2 Hz .. 2.5 Hz (2 frequencies): period-9",
         "not followed at level 0.1 N, 3 Hz: failed: diverged",
     ]

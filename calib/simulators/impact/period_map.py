@@ -8,11 +8,13 @@ import numpy as np
 
 from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw, at_site
+from calib.modelling.modal_system import ModalSystem
 from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.impact import kernel
 from calib.simulators.impact.initial_state import memory, remembers_speed, start, with_memory
+from calib.simulators.impact.modal_system import modal_system
 from calib.simulators.impact.near_misses import nearest_passes
 from calib.simulators.impact.problem import AT_PERIOD, FORCE_LAWS, IMPACTS, PORT, ImpactState, Problem
 from calib.simulators.impact.run import STATUS
@@ -39,7 +41,7 @@ class ImpactMap:
     Attributes
     ----------
     problem : Problem of a harmonic drive, its phase zero at the section, its events located
-    bodies : of the simulator
+    bodies : of the simulator; `free`, indices of those whose displacement is a coordinate
     names, units : of the state's components
     scale, initial : (dimension,)
     law_states : (slot, coordinate or port, index) of each internal state of the force laws
@@ -48,6 +50,7 @@ class ImpactMap:
 
     problem: Problem
     bodies: tuple[str, ...]
+    free: tuple[int, ...]
     names: tuple[str, ...]
     units: tuple[str, ...]
     scale: np.ndarray
@@ -120,6 +123,10 @@ class ImpactMap:
         _, done = carry(self.problem, begin, self._scratch(), periods, budget, self.scale, rows, vectors, growth)
         kept = [*range(2 * n), *([2 * n + 2] if remembers_speed(self.problem) else [])]
         return Tangent(rows[:done, kept], vectors, growth[:done])
+
+    def modal_system(self) -> ModalSystem:
+        """Return the system whose motion is mapped; see `calib.modelling.modal_system.ModalMap`."""
+        return modal_system(self.problem, len(self.bodies), self.free)
 
     def near_misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima of the clearance over one period [m]."""
@@ -208,6 +215,7 @@ def impact_map(
     return ImpactMap(
         problem=problem,
         bodies=tuple(bodies),
+        free=tuple(free),
         names=tuple(names),
         units=units,
         scale=np.concatenate(scale),

@@ -1,0 +1,190 @@
+"""Harmonic balance: periodic motions of a modal system as Fourier series that balance its forces harmonic by harmonic.
+
+The motion is y(t) = Y_0 + sum over k = 1..H of (a_k cos k tau + b_k sin k tau), tau the phase of the drive. Its forces
+are evaluated at instants of one period and transformed back (alternating frequency/time: Cameron & Griffin, J. Appl.
+Mech. 56 (1989) 149), so that a residual is left in the equations of each harmonic up to H, and none is looked at above.
+What a series of H harmonics misses is of the order of the first harmonic left out.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.modelling.modal_system import Forces, ModalSystem
+
+SAMPLES_PER_HARMONIC = 16  # instants of a period over the highest harmonic: those of the forces do not fold onto it
+MIN_SMOOTH_SAMPLES, MIN_KINKED_SAMPLES = 128, 1024  # of a period; the latter where forces have corners
+
+
+class Motion(NamedTuple):
+    """Modal motion (n, m), position and rate (p, m) at the places, at m instants of a period."""
+
+    modal: np.ndarray
+    position: np.ndarray
+    rate: np.ndarray
+
+
+class HarmonicBalance:
+    """Equations of a modal system in the coefficients of its motion, n modes times 2 H + 1.
+
+    Coefficients (n, 2 H + 1) are those of 1, cos tau, sin tau, cos 2 tau, sin 2 tau, ...
+
+    Attributes
+    ----------
+    system : ModalSystem
+    harmonics : H
+    phase : (m,) instants of a period  [rad]
+    """
+
+    def __init__(self, system: ModalSystem, harmonics: int) -> None:
+        self.system, self.harmonics = system, harmonics
+        least = MIN_KINKED_SAMPLES if system.kinked else MIN_SMOOTH_SAMPLES
+        samples = max(least, 1 << (SAMPLES_PER_HARMONIC * harmonics - 1).bit_length())
+        self.phase = 2.0 * np.pi * np.arange(samples) / samples
+        orders = np.arange(1, harmonics + 1)
+        angle = self.phase[:, None] * orders
+        self._synthesis = np.ones((samples, 2 * harmonics + 1))  # coefficients -> samples
+        self._synthesis[:, 1::2], self._synthesis[:, 2::2] = np.cos(angle), np.sin(angle)
+        self._analysis = self._synthesis.T * (2.0 / samples)  # samples -> coefficients
+        self._analysis[0] *= 0.5
+        self._turn = np.zeros((2 * harmonics + 1, 2 * harmonics + 1))  # coefficients of the derivative by tau
+        for k in orders:
+            self._turn[2 * k - 1, 2 * k], self._turn[2 * k, 2 * k - 1] = k, -k
+        self._slope = self._synthesis @ self._turn
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients of one mode."""
+        return 2 * self.harmonics + 1
+
+    def residual(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
+        """Left-hand sides (n, 2 H + 1) less right-hand sides, of coefficients of a drive of `amplitude` at `omega`."""
+        forces = self.forces(y, omega, amplitude, derivatives=False)
+        return self._linear(y, omega) - self._drive(omega, amplitude) - self.system.gain @ (
+            forces.value @ self._analysis.T
+        )  # fmt: skip
+
+    def derivative(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
+        """Return the derivative (n (2 H + 1), n (2 H + 1)) of the residual by the coefficients."""
+        system, size = self.system, self.size
+        n = len(system.stiffness)
+        whole = np.zeros((n, size, n, size))
+        identity = np.eye(size)
+        for j in range(n):
+            whole[j, :, j] = (
+                system.stiffness[j] * identity
+                + 2.0 * system.rate[j] * omega * self._turn
+                + omega**2 * self._turn @ self._turn
+            )
+        forces = self.forces(y, omega, amplitude, derivatives=True)
+        for a, gain in enumerate(system.gain.T):
+            varied = forces.by_position[a][:, None] * self._synthesis + forces.by_rate[a][:, None] * (
+                omega * self._slope
+            )  # fmt: skip
+            own = self._analysis @ varied
+            whole -= np.multiply.outer(np.outer(gain, system.places.shape[a]), own).transpose(0, 2, 1, 3)
+        return whole.reshape(n * size, n * size)
+
+    def forces(self, y: np.ndarray, omega: float, amplitude: float, derivatives: bool) -> Forces:
+        """Forces at the places (p, m) along the motion."""
+        motion = self.motion(y, omega, amplitude)
+        times = (self.phase - self.system.phase) / omega
+        return self.system.forces(motion.position, motion.rate, times, derivatives)
+
+    def motion(self, y: np.ndarray, omega: float, amplitude: float) -> Motion:
+        """Motion of the modes and at the places."""
+        places = self.system.places
+        modal, rate = y @ self._synthesis.T, y @ (omega * self._slope).T
+        drive, drive_rate = amplitude * np.cos(self.phase), -omega * amplitude * np.sin(self.phase)
+        return Motion(
+            modal,
+            places.shape @ modal + np.outer(places.drive, drive) + places.mean[:, None],
+            places.shape @ rate + np.outer(places.drive, drive_rate),
+        )
+
+    def linear_motion(self, omega: float, amplitude: float) -> np.ndarray:
+        """Coefficients (n, 2 H + 1) of the motion without forces; a mode without stiffness or damping has its rounding.
+
+        A resonance without damping has the coefficients of one that is as broad as rounding.
+        """
+        drive = self._drive(omega, amplitude)
+        y, system = np.zeros_like(drive), self.system
+        load = drive[:, 1] - 1j * drive[:, 2] if self.harmonics else np.zeros(len(y))
+        impedance = system.stiffness - omega**2 + 2j * system.rate * omega
+        impedance[impedance == 0.0] = np.finfo(float).eps * omega**2
+        answer = load / impedance
+        y[:, 1], y[:, 2] = answer.real, -answer.imag
+        return y
+
+    def multipliers(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
+        """Floquet multipliers (2 n,) of the motion, by falling modulus.
+
+        Small differences are carried over the period by the exponential of the Magnus series to fourth order (Iserles
+        et al., Acta Numerica 9 (2000) 215), two instants a step.
+        """
+        system, n = self.system, len(self.system.stiffness)
+        forces = self.forces(y, omega, amplitude, derivatives=True)
+        shape = system.places.shape
+        rates = np.zeros((len(self.phase) + 1, 2 * n, 2 * n))
+        rates[:, :n, n:] = np.eye(n)
+        rates[:-1, n:, :n] = -np.diag(system.stiffness) + np.einsum(
+            "ja,at,ai->tji", system.gain, forces.by_position, shape
+        )
+        rates[:-1, n:, n:] = -2.0 * np.diag(system.rate) + np.einsum(
+            "ja,at,ai->tji", system.gain, forces.by_rate, shape
+        )
+        rates[-1] = rates[0]
+        step = 4.0 * np.pi / (omega * len(self.phase))
+        first, middle, last = rates[:-1:2], rates[1::2], rates[2::2]
+        exponent = step / 6.0 * (first + 4.0 * middle + last) - step**2 / 12.0 * (first @ last - last @ first)
+        product = _exponential(exponent)
+        while len(product) > 1:
+            product = product[1::2] @ product[::2]
+        multipliers = np.linalg.eigvals(product[0]).astype(complex)
+        return multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+
+    def bodies(self, y: np.ndarray, amplitude: float) -> np.ndarray:
+        """Coefficients (body, 2 H + 1) of the displacement of every body  [m]."""
+        bodies = self.system.bodies
+        coefficients = bodies.shape @ y
+        coefficients[:, 0] += bodies.mean
+        coefficients[:, 1] += bodies.drive * amplitude
+        return coefficients
+
+    def at(self, coefficients: np.ndarray, phase: np.ndarray) -> np.ndarray:
+        """Values (..., k) of Fourier series with `coefficients` (..., 2 H + 1) at phases (k,) [rad]."""
+        angle = np.multiply.outer(phase, np.arange(1, self.harmonics + 1))
+        basis = np.ones((len(phase), self.size))
+        basis[:, 1::2], basis[:, 2::2] = np.cos(angle), np.sin(angle)
+        return coefficients @ basis.T
+
+    def slope(self, coefficients: np.ndarray) -> np.ndarray:
+        """Coefficients (..., 2 H + 1) of the derivative by the phase."""
+        return coefficients @ self._turn.T
+
+    def complex_amplitudes(self, coefficients: np.ndarray) -> np.ndarray:
+        """Complex amplitudes (..., H + 1), the mean first: the real part of the sum of H_k exp(i k tau)."""
+        mean = coefficients[..., :1].astype(complex)
+        return np.concatenate([mean, coefficients[..., 1::2] - 1j * coefficients[..., 2::2]], axis=-1)
+
+    def _linear(self, y: np.ndarray, omega: float) -> np.ndarray:
+        system = self.system
+        slope = self.slope(y)
+        damping, stiffness = 2.0 * system.rate[:, None] * omega, system.stiffness[:, None]
+        return omega**2 * self.slope(slope) + damping * slope + stiffness * y
+
+    def _drive(self, omega: float, amplitude: float) -> np.ndarray:
+        """Modal load (n, 2 H + 1) of the drive and the constants."""
+        load = np.zeros((len(self.system.stiffness), self.size))
+        load[:, 0] = self.system.constant
+        whole = self.system.load @ np.array([1.0, 1j * omega, -(omega**2)]) * amplitude
+        load[:, 1], load[:, 2] = whole.real, -whole.imag
+        return load
+
+
+def _exponential(matrices: np.ndarray) -> np.ndarray:
+    """Exponentials (k, d, d) of small matrices by the diagonal Pade approximant of third degree."""
+    square = matrices @ matrices
+    even = np.eye(matrices.shape[-1]) + square / 10.0
+    odd = matrices / 2.0 + matrices @ square / 120.0
+    return np.linalg.solve(even - odd, even + odd)

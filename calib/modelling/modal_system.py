@@ -1,0 +1,82 @@
+"""A structure under a harmonic drive in modal coordinates, and the forces that depend on its motion."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from calib.modelling.orbit import PeriodMap
+
+
+class Linear(NamedTuple):
+    """Positions p that follow from the modal coordinates and the drive: mean + shape y + drive U.
+
+    Attributes
+    ----------
+    shape : (p, n)  [kg^-1/2]
+    drive : (p,) per unit of U
+    mean : (p,)  [m]
+    """
+
+    shape: np.ndarray
+    drive: np.ndarray
+    mean: np.ndarray
+
+
+class Forces(NamedTuple):
+    """Forces (p, m) per unit mass at m instants [m/s^2], and their derivatives by position [1/s^2] and rate [1/s]."""
+
+    value: np.ndarray
+    by_position: np.ndarray
+    by_rate: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ModalSystem:
+    """y'' + 2 rate y' + stiffness y = load . (U, U', U'') + constant + gain f, with U = A cos(omega t + phase).
+
+    Attributes
+    ----------
+    stiffness, rate : (n,) eigenvalues [1/s^2] and decay rates [1/s] of the modes
+    load : (n, 3) modal load per unit of U, U', U''
+    constant : (n,) modal load
+    bodies : displacements of the simulator's bodies; `free`, indices of those that the state of the period map holds
+    places : positions at which forces act
+    gain : (n, p) modal load per unit of the force per unit mass at each place  [kg^1/2]
+    forces : positions and rates (p, m) at the places [m], [m/s], times (m,) [s], whether derivatives are wanted (zeros
+        where not)
+    kinked : whether forces have corners in position or rate, as that of a stop that yields
+    clearance : of a rigid stop, one position; None without one, or where the stop yields and is among the places
+    amplitude : A at the amplitude of the excitation that the system was made with, in its unit
+    phase : of U at the section  [rad]
+    """
+
+    stiffness: np.ndarray
+    rate: np.ndarray
+    load: np.ndarray
+    constant: np.ndarray
+    bodies: Linear
+    free: tuple[int, ...]
+    places: Linear
+    gain: np.ndarray
+    forces: Callable[[np.ndarray, np.ndarray, np.ndarray, bool], Forces]
+    kinked: bool
+    clearance: Linear | None
+    amplitude: float
+    phase: float
+
+
+@runtime_checkable
+class ModalMap(PeriodMap, Protocol):
+    """A period map that tells the modal system whose motion it maps; harmonic balance is served by it."""
+
+    def modal_system(self) -> ModalSystem:
+        """Return the system at the map's values.
+
+        Raises
+        ------
+        CalibError : forces that are no function of position, rate and time, with internal states or a loss by the
+            closing speed, or a drive that is no single harmonic
+        """
+        ...

@@ -1,0 +1,174 @@
+"""The modal system of a problem: its linear part out of contact, and its laws and compliant stop as forces at places.
+
+The forces that harmonic balance transforms between time and frequency are evaluated here, with their derivatives by
+central differences of the laws themselves.
+"""
+
+import numpy as np
+from numba import njit
+
+from calib.errors import CalibError
+from calib.modelling.laws import STATES
+from calib.modelling.modal_system import Forces, Linear, ModalSystem
+from calib.simulators.compilation import COMPILED
+from calib.simulators.impact.problem import (
+    EXCITATION_LAWS,
+    FORCE_LAWS,
+    FREE,
+    LAW_STATES,
+    PORT_LAWS,
+    Compliance,
+    Problem,
+)
+from calib.simulators.slots import force
+
+LAW_DIFFERENCE = 1e-6  # of the largest position or rate at a place, for the derivatives of its laws
+
+
+def modal_system(problem: Problem, bodies: int, free: tuple[int, ...]) -> ModalSystem:
+    """Make the modal system of a problem with `bodies` bodies: `free` are coordinates, the others move as the drive.
+
+    Raises
+    ------
+    CalibError : see `calib.modelling.modal_system.ModalMap`
+    """
+    _check(problem)
+    regimes, compliance, n = problem.regimes, problem.compliance, len(problem.hit)
+    shape = regimes.shape[FREE]
+    coordinates = Linear(shape, np.zeros(n), regimes.motion[FREE, :, 2])
+    clearance = _clearance(problem)
+    rows = [b for b in range(n) if problem.acts[:, b].any()]
+    places, gains = [_rows(coordinates, rows)], [regimes.project[FREE][:, rows]]
+    columns = list(rows)
+    if problem.counts[PORT_LAWS] > 0:
+        places.append(clearance)
+        gains.append((regimes.project[FREE] @ problem.push)[:, None])
+        columns.append(n)
+    if compliance is not None:
+        places.append(clearance)
+        gains.append(compliance.load[:, None])
+    acts = np.ascontiguousarray(problem.acts[:, columns])
+
+    def forces(position: np.ndarray, rate: np.ndarray, times: np.ndarray, derivatives: bool) -> Forces:
+        laws = len(columns)
+        parts = [_law_forces(problem, acts, position[:laws], rate[:laws], times, derivatives)]
+        if compliance is not None:
+            parts.append(_contact_forces(compliance, position[laws:], rate[laws:]))
+        return Forces(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    whole = Linear(np.zeros((bodies, n)), np.ones(bodies), np.zeros(bodies))  # what is not free moves by U
+    whole.shape[list(free)], whole.drive[list(free)], whole.mean[list(free)] = coordinates
+    return ModalSystem(
+        stiffness=regimes.stiffness[FREE],
+        rate=regimes.rate[FREE],
+        load=regimes.load_input[FREE],
+        constant=regimes.load_constant[FREE],
+        bodies=whole,
+        free=free,
+        places=Linear(*(np.concatenate(part) for part in zip(*places, strict=True))),
+        gain=np.hstack(gains),
+        forces=forces,
+        kinked=compliance is not None,
+        clearance=clearance if problem.stop and compliance is None else None,
+        amplitude=problem.amplitude,
+        phase=problem.phase,
+    )
+
+
+def _check(problem: Problem) -> None:
+    advice = "; take shooting"
+    if problem.counts[LAW_STATES] > 0:
+        raise CalibError("harmonic balance does not serve forces with internal states" + advice)
+    if problem.counts[EXCITATION_LAWS] > 0:
+        raise CalibError("harmonic balance does not serve effects on the excitation" + advice)
+    if problem.compliance is not None and problem.compliance.by_speed:
+        raise CalibError(
+            "harmonic balance does not serve a contact whose loss depends on the speed at which it began" + advice
+        )
+    if problem.compliance is not None and problem.compliance.damping:
+        raise CalibError(
+            "harmonic balance does not serve a contact whose force jumps where it begins, as that of kelvin_voigt does"
+            + advice
+        )
+
+
+def _rows(linear: Linear, rows: list[int]) -> Linear:
+    return Linear(*(part[rows] for part in linear))
+
+
+def _clearance(problem: Problem) -> Linear:
+    """Clearance of the stop as a position of one row."""
+    regimes = problem.regimes
+    return Linear(regimes.witness_y[FREE][None, :], regimes.witness_input[FREE, :1], regimes.witness[FREE, 2][None])
+
+
+def _contact_forces(compliance: Compliance, clearance: np.ndarray, rate: np.ndarray) -> Forces:
+    """Forces (1, m) of a compliant stop per unit mass; see `calib.simulators.impact.problem.Compliance`."""
+    depth, closing = np.maximum(-clearance, 0.0), -rate
+    power = compliance.stiffness * depth**compliance.exponent
+    value = power * (1.0 + compliance.loss * closing)
+    pressing = (depth > 0.0) & (value > 0.0)
+    slope = compliance.stiffness * compliance.exponent * depth ** (compliance.exponent - 1.0)
+    by_depth = slope * (1.0 + compliance.loss * closing)
+    return Forces(*(np.where(pressing, part, 0.0) for part in (value, -by_depth, -power * compliance.loss)))
+
+
+def _law_forces(
+    problem: Problem, acts: np.ndarray, position: np.ndarray, rate: np.ndarray, times: np.ndarray, derivatives: bool
+) -> Forces:
+    out = np.zeros((3, *position.shape))
+    count = int(problem.counts[FORCE_LAWS]) if position.size else 0
+    if count:
+        steps = np.array([np.abs(part).max(axis=1) for part in (position, rate)]) * LAW_DIFFERENCE
+        steps[steps == 0.0] = LAW_DIFFERENCE
+        _evaluate(problem.force, problem.force_p, count, acts, position, rate, times, steps, derivatives, out)
+    return Forces(*out)
+
+
+@njit(**COMPILED)
+def _sum(
+    laws: np.ndarray,
+    parameters: np.ndarray,
+    count: int,
+    acts: np.ndarray,
+    t: float,
+    x: float,
+    v: float,
+    z: np.ndarray,
+    dz: np.ndarray,
+) -> float:
+    """Sum of the laws that act at a place, as `acts` (slots,) says."""
+    total = 0.0
+    for i in range(count):
+        if acts[i]:
+            total += force(laws[i], t, x, v, parameters[i], z, dz)
+    return total
+
+
+@njit(**COMPILED)
+def _evaluate(
+    laws: np.ndarray,
+    parameters: np.ndarray,
+    count: int,
+    acts: np.ndarray,
+    position: np.ndarray,
+    rate: np.ndarray,
+    times: np.ndarray,
+    steps: np.ndarray,
+    derivatives: bool,
+    out: np.ndarray,
+) -> None:
+    """Write sums of the laws (3, place, instant): value, and by position and rate where derivatives are wanted."""
+    z, dz = np.zeros(STATES), np.zeros(STATES)
+    for a in range(position.shape[0]):
+        own, hx, hv = acts[:, a], steps[0, a], steps[1, a]
+        for j in range(times.size):
+            t, x, v = times[j], position[a, j], rate[a, j]
+            out[0, a, j] = _sum(laws, parameters, count, own, t, x, v, z, dz)
+            if derivatives:
+                ahead = _sum(laws, parameters, count, own, t, x + hx, v, z, dz)
+                behind = _sum(laws, parameters, count, own, t, x - hx, v, z, dz)
+                out[1, a, j] = (ahead - behind) / (2.0 * hx)
+                ahead = _sum(laws, parameters, count, own, t, x, v + hv, z, dz)
+                behind = _sum(laws, parameters, count, own, t, x, v - hv, z, dz)
+                out[2, a, j] = (ahead - behind) / (2.0 * hv)
