@@ -183,25 +183,63 @@ def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, 
     ----------
     signs : per candidate, 0 where both signs are admissible, else the sign
     """
-    rng = np.random.default_rng(seed)
-    units = [(signature.columns, sign) for signature, sign in zip(signatures, signs, strict=True)]
-    units = [(c[:, np.linalg.norm(c, axis=0) > 0.0], sign) for c, sign in units]
-    units = [(c / np.linalg.norm(c, axis=0), sign) for c, sign in units if c.shape[1]]
-    if not units:
+    bases = [(_orthonormal(signature.columns), sign) for signature, sign in zip(signatures, signs, strict=True)]
+    bases = [(basis, sign) for basis, sign in bases if basis.shape[1]]
+    if not bases:
         return float(stats.norm.isf(0.5 * (1.0 - CRITERIA.threshold_quantile)))
-    whole = np.column_stack([c for c, _ in units])
+    ranks = np.array([basis.shape[1] for basis, _ in bases])
+    whole = np.column_stack([basis for basis, _ in bases])
     parts = _products(whole, whole, segments)
-    values, vectors = np.linalg.eigh(parts)
-    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    drawn = roots @ rng.standard_normal((*roots.shape[:-1], THRESHOLD_DRAWS))
+    total, spread = _drawn_scores(parts, np.repeat(np.arange(ranks.size), ranks), seed)
     largest, first = np.zeros(THRESHOLD_DRAWS), 0
-    for columns, sign in units:
-        own = slice(first, first + columns.shape[1])
+    for rank, (_, sign) in zip(ranks, bases, strict=True):
+        own = slice(first, first + rank)
         first = own.stop
-        equations = _NormalEquations(parts[:, own, own])
-        theta, reduction, inflation = equations.solved(drawn[:, own])
-        z = deviate(reduction / inflation, equations.rank)
-        if sign and columns.shape[1] == 1:
-            z = np.where(theta[0] * sign > 0.0, z, 0.0)
+        inflation = np.maximum(1.0, spread[own].sum(axis=0) / rank)
+        z = deviate((total[own] ** 2).sum(axis=0) / inflation, rank)
+        if sign and rank == 1:
+            z = np.where(total[own][0] * sign > 0.0, z, 0.0)
         largest = np.maximum(largest, z)
     return float(np.quantile(largest, CRITERIA.threshold_quantile))
+
+
+def _orthonormal(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis (N, rank) of the span of columns (N, p); of a single one in its direction."""
+    size = np.linalg.norm(columns, axis=0)
+    unit = columns[:, size > 0.0] / size[size > 0.0]
+    if unit.shape[1] < 2:
+        return unit
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    counted = values > GRAM_RANK_TOLERANCE * values[-1]
+    return unit @ (vectors[:, counted] / np.sqrt(values[counted]))
+
+
+def _drawn_scores(parts: np.ndarray, candidate: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Draw the scores of white noise along columns that are orthonormal within each candidate.
+
+    The squares of what a candidate's estimate leaves of the scores of each segment are summed while they are drawn. In
+    single precision: its rounding is far below the error of a quantile of so many draws.
+
+    Parameters
+    ----------
+    parts : (segment, m, m) products of the columns, summed over each segment
+    candidate : (m,) number of the candidate that each column belongs to
+
+    Returns
+    -------
+    total : (m, draw) sums of the scores over all segments
+    spread : (m, draw) sums of squares over the segments of the scores without the estimate's own part
+    """
+    rng = np.random.default_rng(seed)
+    own = np.where(candidate[:, None] == candidate, parts, 0.0).astype(np.float32)
+    values, vectors = np.linalg.eigh(parts)
+    negligible = GRAM_RANK_TOLERANCE / len(parts)
+    total, squares, cross = np.zeros((3, candidate.size, THRESHOLD_DRAWS), dtype=np.float32)
+    for part, variances, directions in zip(own, values, vectors, strict=True):
+        drawn = variances > negligible
+        root = (directions[:, drawn] * np.sqrt(variances[drawn])).astype(np.float32)
+        scores = root @ rng.standard_normal((root.shape[1], THRESHOLD_DRAWS), dtype=np.float32)
+        total += scores
+        cross += part @ scores
+        squares += scores * scores
+    return total, squares - total * (2.0 * cross - (own @ own).sum(axis=0) @ total)

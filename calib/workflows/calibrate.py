@@ -41,11 +41,11 @@ from calib.study.repetition import repetition
 from calib.study.result import HeldOutSummary
 from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
+from calib.workflows import stored
 from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
 from calib.workflows.residual import residuals_beside_noise
-from calib.workflows.stored import base_study, end_of_search, scored, stored_confidence, stored_study
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
@@ -133,18 +133,26 @@ def calibrate_file(file: StudyFile, folder: Path, *, fresh: bool = False, quiet:
 def rebuild(
     path: str | Path, out: str | Path | None = None, jobs: int | None = None, pool: Mapping[str, Any] | None = None
 ) -> Path:
-    """Write report.html anew from what lies in the folder of a study, and return its path; see `stored_study`.
+    """Write report.html anew from what lies in the folder of a study, and return its path; see `stored.stored_study`.
 
     `jobs` and `pool` take the place of the file's.
     """
-    stored = stored_study(path, out, jobs, pool)
-    if stored is not None:
-        file, records = stored
-        calibrated = _read_back(file, file.folder, records)
-        if calibrated.result.stopped != UNFINISHED:
-            return _reported(file, file.folder, calibrated)
-    file = load(path, jobs=jobs, out=out, pool=pool)
-    return _reported(file, file.folder, _read_back(file, file.folder))
+    shown = stored.stored_study(path, out, jobs, pool)
+    report = None if shown is None else _reported_from(*shown)
+    return report or rebuild_file(load(path, jobs=jobs, out=out, pool=pool))
+
+
+def rebuild_file(file: StudyFile) -> Path:
+    """Write report.html of a study that is loaded already anew; the rest as in `rebuild`."""
+    records = stored.stored_records(file)
+    report = None if records is None else _reported_from(file, records)
+    return report or _reported(file, file.folder, _read_back(file, file.folder))
+
+
+def _reported_from(file: StudyFile, records: Mapping[str, xr.Dataset]) -> Path | None:
+    """Write report.html from the records of the best trial; None where the search has not ended."""
+    calibrated = _read_back(file, file.folder, records)
+    return None if calibrated.result.stopped == UNFINISHED else _reported(file, file.folder, calibrated)
 
 
 def summary_so_far(path: str | Path, out: str | Path | None = None) -> CalibrationResult:
@@ -195,7 +203,7 @@ def _searched(
         store, evaluations.calibrated(SEARCH), on_trial=progress.trial, fresh=fresh, on_opened=progress.earlier,
         on_ask=IdleWorkers(evaluations, progress.note),
         on_choice=lambda choice: progress.note(choice.note),
-        ended=end_of_search(store.folder),
+        ended=stored.end_of_search(store.folder),
     )  # fmt: skip
     if search.stopped == INTERRUPTED:
         raise KeyboardInterrupt
@@ -304,8 +312,8 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
     diagnosis, motions = artifacts.read(folder), artifacts.read_motions(folder)
     page = render(
         shown, calibrated.trials, records, calibrated.result, f"calib run {file.path}", calibrated.header, diagnosis,
-        motions, study.jobs, base_study(file), read_discovery(folder),
-        *stored_confidence(folder), read_drawn_window(folder),
+        motions, study.jobs, stored.base_study(file), read_discovery(folder),
+        *stored.stored_confidence(folder), read_drawn_window(folder),
     )  # fmt: skip
     path = folder / "report.html"
     with whole(path) as temporary:
@@ -329,7 +337,7 @@ def _read_back(file: StudyFile, folder: Path, records: Mapping[str, xr.Dataset] 
     header, trials = read(folder, study.header.definition)
     trials.sort(key=lambda trial: trial.number)
     top = best(trials)
-    summary = _finished(folder, trials, top)
+    summary = stored.finished_result(folder, trials, top)
     if summary is not None and summary.best_trial is not None:
         top = next(trial for trial in trials if trial.number == summary.best_trial)
     confirming = summary is not None and summary.confirmed
@@ -341,7 +349,7 @@ def _read_back(file: StudyFile, folder: Path, records: Mapping[str, xr.Dataset] 
     point: BestPoint | None = None
     predictions: dict[str, Evaluation | Failure] = {}
     if top is not None and records is not None:
-        point = BestPoint(top, confirming, scored(study, records))
+        point = BestPoint(top, confirming, stored.scored(study, records))
     elif top is not None:
         point, predictions = _evaluated_again(file, top, confirming)
     if summary is None:
@@ -355,15 +363,6 @@ def _read_back(file: StudyFile, folder: Path, records: Mapping[str, xr.Dataset] 
             remarks=_remarks(study, point),
         )
     return Calibrated(header, trials, point, predictions, summary)
-
-
-def _finished(folder: Path, trials: Sequence[Trial], top: Trial | None) -> CalibrationResult | None:
-    """Return the result in a folder where it is of these trials, the best of which is `top`; else None."""
-    summary = result.read(folder)
-    if summary is None or summary.searched_best != (None if top is None else top.number):
-        return None
-    known = top is None or summary.best_trial in {trial.number for trial in trials}
-    return summary if known else None
 
 
 def _evaluated_again(

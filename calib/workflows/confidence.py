@@ -23,7 +23,7 @@ from calib.report.plots.style import png
 from calib.store.lock import Lock
 from calib.study import CalibrationStudy
 from calib.study_file import StudyFile, load
-from calib.workflows.calibrate import rebuild
+from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.evaluations import Evaluations
 from calib.workflows.model_comparison import (
@@ -106,7 +106,7 @@ def confidence_study(
     finally:
         lock.release()
     _write(result, folder)
-    rebuild(path, out, jobs, pool)
+    rebuild_file(file)
     return result
 
 

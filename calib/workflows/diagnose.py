@@ -11,7 +11,7 @@ from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.effort import Budget
 from calib.diagnosis.verdict import NAMED, ONE_OF
 from calib.study_file import load, stated_candidates
-from calib.workflows.calibrate import rebuild
+from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.extension import extended_study
 
@@ -63,7 +63,7 @@ def diagnose_study(
         on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
     )  # fmt: skip
     result = write(diagnosis, file.folder, values, {**file.study.objective.references, **file.others})
-    rebuild(path, out, jobs, pool)
+    rebuild_file(file)
     selection, extended = diagnosis.selection, None
     if apply and diagnosis.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:
         causes = [cause.candidate for cause in selection.causes]

@@ -12,7 +12,7 @@ from calib.execution.files import whole
 from calib.report.plots.found_force import found_force_figure
 from calib.report.plots.style import png
 from calib.study_file import load
-from calib.workflows.calibrate import rebuild
+from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.found_effect import apply_force
 
@@ -70,5 +70,5 @@ def discover_study(
     else:
         with whole(file.folder / FORCE_PICTURE) as temporary:
             temporary.write_bytes(png(figure))
-    rebuild(path, out, jobs, pool)
+    rebuild_file(file)
     return result, apply_force(file, discovery) if apply else None

@@ -1,7 +1,7 @@
 """What studies have left in their folders, read without simulator, effects and optimiser."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,9 @@ from calib.confidence.bands import read_bands
 from calib.confidence.document import ConfidenceResult
 from calib.errors import CalibError
 from calib.report.pages.base_study import BaseStudy
+from calib.store import Trial
 from calib.store.record_files import best_records
-from calib.study import CalibrationStudy, Evaluation, SearchEnd, result
+from calib.study import CalibrationResult, CalibrationStudy, Evaluation, ModelSummary, SearchEnd, result
 from calib.study_file import StudyFile, base_path, extended_part, load, located, results_folder
 from calib.workflows.evaluations import held_out_references
 
@@ -34,16 +35,34 @@ def stored_study(
     CalibError : every mistake of the study file
     """
     folder = results_folder(located(path)) if out is None else Path(out)
+    known = _of_the_result(folder)
+    if known is None:
+        return None
+    model, records = known
+    file = load(path, jobs=jobs, out=out, pool=pool, stored=model)
+    return (file, records) if _tells_all(file, records) else None
+
+
+def stored_records(file: StudyFile) -> dict[str, xr.Dataset] | None:
+    """Read the best records of a study that is loaded already; None as in `stored_study`."""
+    known = _of_the_result(file.folder)
+    return known[1] if known is not None and _tells_all(file, known[1]) else None
+
+
+def _of_the_result(folder: Path) -> tuple[ModelSummary, dict[str, xr.Dataset]] | None:
+    """Model of a result and its best records; None where there is no result, no best trial, or they are of another."""
     summary = result.read(folder)
     if summary is None or summary.model is None or summary.best_trial is None:
         return None
     records = best_records(folder)
     if any(_origin(record) != (summary.best_trial, summary.confirmed) for record in records.values()):
         return None
-    file = load(path, jobs=jobs, out=out, pool=pool, stored=summary.model)
-    if held_out_references(file) or set(records) != set(file.study.objective.scored):
-        return None
-    return file, records
+    return summary.model, records
+
+
+def _tells_all(file: StudyFile, records: Mapping[str, xr.Dataset]) -> bool:
+    """Whether a report needs no simulation beside these records."""
+    return not held_out_references(file) and set(records) == set(file.study.objective.scored)
 
 
 def _origin(record: xr.Dataset) -> tuple[int, bool]:
@@ -54,6 +73,15 @@ def _origin(record: xr.Dataset) -> tuple[int, bool]:
 def scored(study: CalibrationStudy, records: Mapping[str, xr.Dataset]) -> Evaluation:
     """Score stored records as an evaluation."""
     return Evaluation(study.objective(records), records, [], 0.0)
+
+
+def finished_result(folder: Path, trials: Sequence[Trial], top: Trial | None) -> CalibrationResult | None:
+    """Return the result in a folder where it is of these trials, the best of which is `top`; else None."""
+    summary = result.read(folder)
+    if summary is None or summary.searched_best != (None if top is None else top.number):
+        return None
+    known = top is None or summary.best_trial in {trial.number for trial in trials}
+    return summary if known else None
 
 
 def end_of_search(folder: Path) -> SearchEnd | None:

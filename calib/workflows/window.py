@@ -25,7 +25,7 @@ from calib.report.plots.window import window_figure
 from calib.store import Store
 from calib.study import result as calibration
 from calib.study_file import StudyFile, load
-from calib.workflows.calibrate import rebuild
+from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 
 WINDOW_PICTURE = "window.png"
@@ -92,7 +92,7 @@ def window_study(
     write_window(result, folder)
     write_dataset(dataset, folder / WINDOW_DATA)
     _draw(result, dataset, folder)
-    rebuild(path, out, jobs, pool)
+    rebuild_file(file)
     return result
 
 
