@@ -19,12 +19,15 @@ os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-LONG_FILES = (  # few tests, and some forty seconds or more
-    "docs/test_blocks.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
+LONG_FILES = (  # few tests, and some twenty seconds or more
+    "diagnosis/test_diagnose.py", "docs/test_blocks.py", "dynamics/test_response.py", "effects/test_conformance.py",
+    "fmu/test_calibration.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
     "measured/test_benchmarks.py", "measured/test_diagnosis.py", "measured/test_spring_disc.py", "paper/test_fe.py",
-    "paper/test_story.py", "simulators/test_compliant_contact.py", "study/test_elsewhere.py", "study/test_killed.py",
-    "study/test_recovery.py", "sweep/test_killed_sweep.py", "tests/test_calculix_beam.py",
-    "workflows/test_command_study.py",
+    "paper/test_minimal.py", "paper/test_story.py", "simulators/test_compliant_contact.py",
+    "simulators/test_uncompiled_contact.py", "study/test_elsewhere.py", "study/test_killed.py",
+    "study/test_recovery.py", "study/test_resume.py", "sweep/test_killed_sweep.py", "tests/test_calculix_beam.py",
+    "workflows/test_calibrate.py", "workflows/test_command_study.py", "workflows/test_confidence.py",
+    "workflows/test_new.py", "workflows/test_window.py",
 )  # fmt: skip
 
 

@@ -126,13 +126,36 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("case", CASES, ids=[case.effect.name for case in CASES])
-class TestEffects(EffectSuite):
+YIELDING = {"compliant_contact", "hertz_contact"}  # a kernel of its own, long to compile, serves them
+
+
+def cases(yielding):
+    own = [case for case in CASES if (case.effect.name in YIELDING) == yielding]
+    return pytest.mark.parametrize("case", own, ids=[case.effect.name for case in own])
+
+
+class Tried(EffectSuite):
     @pytest.fixture(autouse=True)
     def tried(self, case):
+        self.on(case)
+
+    def on(self, case):
         for name in ("effect", "present", "excitation", "values", "request", "least"):
             setattr(self, name, getattr(case, name))
         self.make = case.on
+        return self
+
+
+@cases(yielding=False)
+class TestEffects(Tried):
+    pass
+
+
+@cases(yielding=True)
+class TestStopsThatYield(Tried):
+    @pytest.mark.slow  # `simulators/test_uncompiled_contact.py` has it without compiling
+    def test_it_shows_where_it_is_present(self):
+        super().test_it_shows_where_it_is_present()
 
 
 def test_every_registered_effect_is_tried():
@@ -209,6 +232,7 @@ def test_restitution_falls_with_speed_and_slow_impacts_stick():
     assert 0.5 + held(0.5, 0.1, p) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "contact"), [("compliant_contact", "kelvin_voigt"), ("hertz_contact", "gonthier")])
 def test_a_stop_that_yields_is_the_contact_of_the_simulator_and_comes_near_newton_as_it_shortens(name, contact):
     driven = EffectSuite.excitation, EffectSuite.request
@@ -222,6 +246,7 @@ def test_a_stop_that_yields_is_the_contact_of_the_simulator_and_comes_near_newto
     assert changes[0] == pytest.approx(2.0 * changes[1], rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_stop_of_an_oscillator_yields_too():
     values, drive = {"contact_time": 1e-2}, Excitation("mass", "force", frequency=4.0, amplitude=4.0)
     found = Model(Oscillator(stop=True), [EFFECTS["compliant_contact"]]).run(values, drive, SHORT)

@@ -8,6 +8,7 @@ from pathlib import Path
 import calib
 
 SAMPLE = """
+from effects import test_conformance as effects
 from simulators import test_compliant_contact as contact, test_contact_laws as laws
 
 for law in contact.LAWS:
@@ -23,6 +24,10 @@ contact.test_force_laws_act_in_the_contact_as_out_of_it("kelvin_voigt", "interfa
 laws.test_a_kelvin_voigt_contact_has_the_restitution_that_it_is_given(time=1e-2, e=0.5)
 laws.test_the_restitution_of_a_hunt_crossley_contact_does_not_depend_on_its_exponent(exponent=1.5, loss=0.3)
 laws.test_the_restitution_of_a_lankarani_nikravesh_contact_does_not_depend_on_the_speed(exponent=1.5, speed=0.05)
+for case in effects.CASES:
+    if case.effect.name in effects.YIELDING:
+        effects.Tried().on(case).test_it_shows_where_it_is_present()
+effects.test_the_stop_of_an_oscillator_yields_too()
 """
 
 
