@@ -120,7 +120,7 @@ def test_a_response_by_harmonic_balance_says_what_its_harmonics_leave_out(study)
     assert said[2:4] == ["    fold at 3.8553226 Hz", "    fold at 3.5080271 Hz"]
     [left_out] = [line for line in said if line.startswith("harmonic balance, 7 harmonics: ")]
     assert "changed their state by at most" in left_out
-    with xr.open_dataset(study / "response.nc") as written:
+    with xr.open_dataset(study / "out" / "response.nc") as written:
         assert written.attrs["method"] == "harmonic balance"
     refused = calib("response", study, "--over", "frequency=2.5:3", "--isolas", "--method", "harmonic-balance", code=1)
     assert "--isolas: " in refused.stderr

@@ -117,6 +117,7 @@ def test_folds_converge_to_those_of_shooting_with_the_harmonics():
     assert errors[-1] < 1e-8
 
 
+@pytest.mark.slow  # compiles the kernel of a compliant stop, which shooting needs
 def test_what_is_left_out_falls_with_the_harmonics():
     held = systems()["compliant stop"]
     left_out = [balanced_response(held, (2.5, 5.0), [0.2], harmonics=h, steps=4).truncation.largest for h in (3, 7, 15)]
