@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from calib.confidence.posterior import LogLikelihood, Posterior, sample_posterio
 from calib.confidence.prior import Prior, positions
 from calib.confidence.profile import Centre
 from calib.confidence.profiles import LocalAnalysis, Notes, Profiles, best_about, fit_about, profiles
+from calib.confidence.starts import where_starts_agree
 from calib.execution.pool import Failure, in_order
 from calib.store import Trial
 from calib.study import CalibrationStudy, Evaluation, Outcome, Pool, outcome
@@ -24,7 +26,11 @@ CONFIRMED_BATCH = 8  # points that the confirming simulator computes together  [
 
 
 def around_best(
-    study: CalibrationStudy, pool: Pool, best: Trial, evaluation: Evaluation | Failure | None = None
+    study: CalibrationStudy,
+    pool: Pool,
+    best: Trial,
+    evaluation: Evaluation | Failure | None = None,
+    agreement: Mapping[str, Any] | None = None,
 ) -> Confidence:
     """Confidence in the values of a study's best trial.
 
@@ -32,10 +38,13 @@ def around_best(
     ----------
     pool : evaluates values at this study, see `calib.study.evaluate`
     evaluation : of the best trial's values, where it was made already
+    agreement : what the optimiser says of where its starts ended; where they do not agree there are no intervals
     """
     if evaluation is None:
         [evaluation] = in_order(pool, [best.values])
-    return _analysed(study, _evaluated_by(study, pool), np.array(best.u), evaluation).confidence
+    u = np.array(best.u)
+    confidence = _analysed(study, _evaluated_by(study, pool), u, evaluation).confidence
+    return where_starts_agree(confidence, study.space, u, agreement or {})
 
 
 def profiled(

@@ -12,13 +12,14 @@ J^+ Sigma J^+^T. Sigma is not assumed to be a multiple of the unit matrix:
    observed one. Few degrees of freedom widen the interval through Student's t (Satterthwaite 1946 over the blocks).
 4. Blocks are taken as independent, unless `noise_draws` show how the noise of one channel correlates several of them:
    then each variance is corrected by the ratio that they give.
-5. The distance from the point to the minimum of the linearised problem is added in quadrature: a search that stopped
-   early has wider intervals.
+5. The distance from the point to the minimum of the linearised problem in the window is added in quadrature: a search
+   that stopped early has wider intervals. `calib.confidence.local` says when it has none.
 """
 
 import math
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 MIN_BLOCK_SIZE = 8  # residuals: smaller blocks have no noise level of their own and share one  [count]
 MIN_SINGULAR_RATIO = 1e-9  # of the largest singular value: smaller ones are raised to it  [1]
@@ -157,9 +158,12 @@ def _score_form(scores: np.ndarray, lag: int) -> np.ndarray:
     return _toeplitz_form(scores, np.clip(1.0 - np.arange(len(scores)) / (lag + 1.0), 0.0, 1.0))
 
 
-def distance_to_minimum(jacobian: np.ndarray, residuals: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Step (dim,) to the minimum of the linearised problem in the `free` (dim, bool) parameters, at most one window."""
-    step = np.zeros(free.size)
-    if free.any():
-        step[free] = -np.linalg.lstsq(jacobian[:, free], residuals, rcond=STEP_RANK_TOLERANCE)[0]
-    return np.clip(step, -1.0, 1.0)
+def distance_to_minimum(jacobian: np.ndarray, residuals: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Step (dim,) from a point (dim,) of the unit cube to the minimum of the linearised problem in the cube."""
+    left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    kept = singular > STEP_RANK_TOLERANCE * singular[0]
+    if not kept.any():
+        return np.zeros(u.size)
+    bounds = (-u, 1.0 - u)
+    step = lsq_linear(singular[kept, None] * right[kept], -(left[:, kept].T @ residuals), bounds, method="bvls").x
+    return np.asarray(step, dtype=float)

@@ -18,6 +18,7 @@ from calib.study import ConfidenceSummary, CorrelationSummary, Outcome, Undeterm
 
 MAX_EDGE_DISTANCE = 1e-3  # of the window: a value nearer to its end is at its edge  [1]
 MIN_REPORTED_STEP = 1e-6  # of the window: a search that ends nearer to the minimum has converged  [1]
+MIN_REALISED_REDUCTION = 0.5  # of the sum of squares, over that which the linearised problem predicts  [1]; convention
 INTERVAL_QUANTILE = stats.norm.cdf(2.0)  # probability below +2 standard errors of a normal variable  [1]
 
 
@@ -91,9 +92,12 @@ def local(
 ) -> Confidence:
     """Confidence in the values at `u`, from differences of the residuals about it.
 
+    Intervals are about a minimum. Where the linearised problem has its own farther away than the standard error, that
+    is simulated: they are widened by the distance where it fits as well as predicted, and there are none where not.
+
     Parameters
     ----------
-    evaluate : points (n, dim) in [0, 1] -> n outcomes with .residuals (m,) or None, .status, .kind; called up to four
+    evaluate : points (n, dim) in [0, 1] -> n outcomes with .residuals (m,) or None, .status, .kind; called up to five
         times, with at most about 2 dim points each
     space : the searched parameters with their windows
     u : (dim,) the best point [1]
@@ -109,37 +113,53 @@ def local(
         When `u`, `blocks` or `noise_draws` has the wrong shape.
     """
     u = np.asarray(u, dtype=float)
-    values = space.values(u)
-    value = {name: values[name] for name in space.names}
-    edges = at_edge(space.names, u)
     counted = _Counted(evaluate)
     if outcome is None:
         (outcome,) = counted(u[None])
-    missing = why_unusable(outcome, outcome)
+    missing = _why_not_analysed(outcome, space.dim)
     if missing:
-        reason = f"the best point itself cannot be used: {missing}"
-        return Confidence("not available", reason, space.names, value, at_edge=edges, evaluations=counted.number)
+        return _without_intervals(space, u, missing, counted)
     residuals = np.asarray(outcome.residuals, dtype=float)
     if blocks is not None and np.shape(blocks) != residuals.shape:
         raise CalibError(f"expected one block number per residual, shape {residuals.shape}, got {np.shape(blocks)}")
     if noise_draws is not None and noise_draws.shape[1:] != residuals.shape:
         raise CalibError(f"expected noise_draws of shape (number, {residuals.size}), got {noise_draws.shape}")
-    if residuals.size <= space.dim:
-        reason = f"{residuals.size} residuals cannot determine {space.dim} parameters; score more features or records"
-        return Confidence("not available", reason, space.names, value, at_edge=edges, evaluations=counted.number)
     jacobian, trouble = differentiate(counted, space.names, u, outcome)
     if trouble:
-        return Confidence("not available", trouble, space.names, value, at_edge=edges, evaluations=counted.number)
+        return _without_intervals(space, u, trouble, counted)
     labels = np.zeros(residuals.size, dtype=int) if blocks is None else np.asarray(blocks)
     covariance, freedom = sandwich(jacobian, residuals, labels, noise_draws)
-    free = np.array([name not in edges for name in space.names])
-    step = distance_to_minimum(jacobian, residuals, free)
-    reason = _unconverged(space.names, step, np.sqrt(np.diag(covariance)))
-    groups = undetermined_combinations(space, u, covariance)
     linearised = Linearised(residuals, jacobian, unit_covariance(jacobian), covariance, freedom)
-    covariance = covariance + np.diag(step**2)
-    found = _assemble(space, u, value, covariance, freedom, edges, reason, groups, counted.number)
+    step = distance_to_minimum(jacobian, residuals, u)
+    reason, misled = _beside_minimum(counted, space.names, u, outcome, linearised, step)
+    if misled:
+        return replace(_without_intervals(space, u, reason, counted), linearised=linearised)
+    groups = undetermined_combinations(space, u, covariance)
+    found = _assemble(space, u, covariance + np.diag(step**2), freedom, reason, groups, counted.number)
     return replace(found, linearised=linearised)
+
+
+def _why_not_analysed(outcome: Outcome, dim: int) -> str:
+    """Why nothing can be said about a point with this outcome, of `dim` parameters; "" where it can."""
+    missing = why_unusable(outcome, outcome)
+    if missing:
+        return f"the best point itself cannot be used: {missing}"
+    number = np.asarray(outcome.residuals).size
+    return (
+        "" if number > dim else f"{number} residuals cannot determine {dim} parameters; score more features or records"
+    )
+
+
+def _without_intervals(space: Space, u: np.ndarray, reason: str, counted: "_Counted") -> Confidence:
+    return Confidence(
+        "not available", reason, space.names, _values(space, u), at_edge=at_edge(space.names, u),
+        evaluations=counted.number,
+    )  # fmt: skip
+
+
+def _values(space: Space, u: np.ndarray) -> dict[str, float]:
+    values = space.values(u)
+    return {name: values[name] for name in space.names}
 
 
 def at_edge(names: Sequence[str], u: np.ndarray) -> dict[str, str]:
@@ -151,16 +171,14 @@ def at_edge(names: Sequence[str], u: np.ndarray) -> dict[str, str]:
 def _assemble(
     space: Space,
     u: np.ndarray,
-    value: Mapping[str, float],
     covariance: np.ndarray,
     freedom: np.ndarray,
-    edges: Mapping[str, str],
     reason: str,
     groups: tuple[UndeterminedGroup, ...],
     evaluations: int,
 ) -> Confidence:
     """Errors and intervals in the units of the parameters, from a covariance (dim, dim) in the unit cube."""
-    error = np.sqrt(np.diag(covariance))
+    value, error = _values(space, u), np.sqrt(np.diag(covariance))
     half = stats.t.ppf(INTERVAL_QUANTILE, freedom) * error
     standard_error, interval = {}, {}
     for k, (name, window) in enumerate(space.windows.items()):
@@ -176,21 +194,49 @@ def _assemble(
         interval,
         correlation=covariance / outer,
         undetermined=groups,
-        at_edge=edges,
+        at_edge=at_edge(space.names, u),
         degrees_of_freedom=dict(zip(space.names, freedom.tolist(), strict=True)),
         evaluations=evaluations,
     )
 
 
-def _unconverged(names: Sequence[str], step: np.ndarray, error: np.ndarray) -> str:
-    """Warn of parameters (dim,) whose step to the minimum exceeds their error; "" where none does."""
+def _beside_minimum(
+    evaluate: Evaluate, names: Sequence[str], u: np.ndarray, outcome: Outcome, linearised: Linearised, step: np.ndarray
+) -> tuple[str, bool]:
+    """What to say of a point (dim,) with its outcome that is a step (dim,) from the minimum of the linearised problem.
+
+    Returns
+    -------
+    a sentence, "" where the step is within the errors; and whether a simulation shows that there is no minimum there
+    """
+    error = np.sqrt(np.diag(linearised.covariance))
     far = [name for name, d, s in zip(names, step, error, strict=True) if abs(d) > max(s, MIN_REPORTED_STEP)]
     if not far:
-        return ""
+        return "", False
+    [there] = evaluate((u + step)[None])
+    missing = _not_as_predicted(linearised.residuals + linearised.jacobian @ step, outcome, there)
+    if not missing:
+        return (
+            f"the search ended before the best value of {', '.join(far)} was reached; "
+            "the intervals were widened by the distance to it"
+        ), False
     return (
-        f"the search ended before the best value of {', '.join(far)} was reached; "
-        "the intervals were widened by the distance to it"
+        f"the search did not end at a minimum: the residuals still fall towards another value of {', '.join(far)}, and "
+        f"{missing}; give the search a larger budget, or let calib confidence fit it once more"
+    ), True
+
+
+def _not_as_predicted(predicted: np.ndarray, centre: Outcome, there: Outcome) -> str:
+    """Why a simulation does not fall short of the centre as predicted residuals (m,) do; "" where it does."""
+    missing = why_unusable(there, centre)
+    if missing:
+        return f"the simulation that they lead to cannot be compared: {missing}"
+    now, least, simulated = (
+        float(np.linalg.norm(np.asarray(own, dtype=float))) for own in (centre.residuals, predicted, there.residuals)
     )
+    if now**2 - simulated**2 >= MIN_REALISED_REDUCTION * (now**2 - least**2):
+        return ""
+    return f"there they come to {simulated:.3g}, not to {least:.3g} from {now:.3g} as their slopes say"
 
 
 class _Counted:

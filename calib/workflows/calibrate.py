@@ -234,7 +234,7 @@ def _judged(
     progress.stage("confidence")
     pool = evaluations.calibrated(SEARCH)
     [evaluation] = in_order(evaluations.calibrated(SEARCH, afresh=True), [trial.values])
-    confidence = around_best(study, pool, trial, evaluation)
+    confidence = around_best(study, pool, trial, evaluation, search.agreement)
     if confirmation is None or not confirmation.succeeded:
         return BestPoint(trial, False, evaluation, confidence, repetition(trial, evaluation))
     chosen = confirmation.chosen
@@ -398,8 +398,8 @@ def _prediction_summary(file: StudyFile, name: str, answer: Evaluation | Failure
 def _in_the_place_of_intervals(
     study: CalibrationStudy, trials: Sequence[Trial], confidence: Confidence | None
 ) -> list[str]:
-    """Say what nearly equal trials share, where there are no intervals."""
-    if confidence is None or confidence.status == OK:
+    """Say what nearly equal trials share, where there are no intervals for want of derivatives."""
+    if confidence is None or confidence.status == OK or confidence.linearised is not None:
         return []
     units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
     sentence = describe_near_optimal(study.space, trials, units)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.confidence.covariance import sandwich
+from calib.confidence.covariance import distance_to_minimum, sandwich
 from calib.confidence.identifiability import MAX_WINDOW_SHARE, combination, undetermined_combinations
 from calib.confidence.local import local
 from calib.errors import CalibError
@@ -252,6 +252,44 @@ def test_a_search_that_stopped_early_widens_its_interval_by_the_distance_to_the_
     assert c.interval["a"][1] > 0.5
     assert 0.05 < c.standard_error["a"] < 0.06  # the error by the residuals is added in quadrature
     assert (there.reason, there.standard_error["a"] < 0.01) == ("", True)
+
+
+def test_a_search_that_stopped_where_the_slopes_mislead_has_no_intervals():
+    rng = np.random.default_rng(10)
+    matrix, noise = waves(rng, 2), 0.1 * white(rng)
+    minimum = 0.5 - np.linalg.lstsq(matrix, noise, rcond=None)[0]
+
+    def bent(points):
+        """Linear about the end of the search; nearer to the minimum the residuals grow."""
+        return [outcome(matrix @ (u - 0.5) + noise + 50.0 * max(u[0] - minimum[0] + 0.03, 0.0)) for u in points]
+
+    c = local(bent, cube("a", "b"), minimum - [0.05, 0.0])
+    assert (c.status, c.interval, c.standard_error) == ("not available", {}, {})
+    assert c.reason.startswith(
+        "the search did not end at a minimum: the residuals still fall towards another value of a, and there they come "
+    )
+    assert c.linearised is not None  # profiles begin with a fit from there
+
+
+@pytest.mark.parametrize("bad", [{"status": "timeout"}, {"kind": "period 2"}])
+def test_a_search_that_stopped_short_of_what_cannot_be_compared_has_no_intervals(bad):
+    rng = np.random.default_rng(10)
+    matrix, noise = waves(rng, 2), 0.1 * white(rng)
+
+    def evaluate(points):
+        return [outcome(matrix @ (u - 0.5) + noise, **(bad if u[0] > 0.48 else {})) for u in points]
+
+    c = local(evaluate, cube("a", "b"), np.array([0.45, 0.5]))
+    assert c.status == "not available"
+    assert "the simulation that they lead to cannot be compared: its" in c.reason
+
+
+def test_the_minimum_is_sought_in_the_window():
+    jacobian, residuals = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]), np.array([1.0, 0.2, 5.0])
+    step = distance_to_minimum(jacobian, residuals, np.array([0.3, 0.5]))  # free of bounds: (-0.8, -0.2)
+    assert step == pytest.approx([-0.3, -0.45])
+    assert distance_to_minimum(jacobian, residuals, np.array([0.0, 0.05])) == pytest.approx([0.0, -0.05])
+    assert distance_to_minimum(np.zeros((3, 2)), residuals, np.full(2, 0.5)) == pytest.approx([0.0, 0.0])
 
 
 @pytest.mark.parametrize("bad", [{"status": "timeout"}, {"kind": "period 2"}])

@@ -1,6 +1,7 @@
 """The main job from Python."""
 
 import json
+from pathlib import Path
 
 import pytest
 from echo_study import bench, write_study
@@ -9,6 +10,8 @@ from undrawn import undrawn
 from calib import records
 from calib.errors import CalibError
 from calib.workflows.calibrate import calibrate, rebuild
+
+MINIMAL = Path(__file__).parents[2] / "studies" / "minimal" / "study.toml"
 
 
 def test_the_main_job_from_python_leaves_the_files_and_returns_what_they_say(tmp_path, capfd):
@@ -47,3 +50,18 @@ def test_a_record_that_would_fit_from_another_instant_on_is_named(tmp_path, late
         assert remarks[0].startswith("were bench to start at another instant")
         report = (tmp_path / "out" / "report.html").read_text()
         assert "Were bench to start at another instant" in report
+
+
+@pytest.mark.slow  # a study of its own, with impacts
+def test_a_search_that_its_budget_cut_short_has_no_intervals_and_says_why(tmp_path):
+    """Linearised about its end, restitution was 0.249 +- 0.083; its profile reaches from 0.053 to 0.134."""
+    text = MINIMAL.read_text().replace("../../", f"{MINIMAL.parents[2]}/").replace("multistart", "surrogate")
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    calibrate(path, budget=40, quiet=True)
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert (found["intervals"], found["confidence"]["status"]) == ({}, "not available")
+    assert found["confidence"]["reason"].startswith("the search did not end at a minimum: ")
+    assert not any("in common" in remark for remark in found["remarks"])
+    page = " ".join((tmp_path / "out" / "report.html").read_text().split())
+    assert "No standard errors: the search did not end at a minimum" in page
