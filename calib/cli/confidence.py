@@ -13,15 +13,14 @@ from rich.table import Table
 from calib.cli.options import EXIT_STOPPED, pool_table
 from calib.cli.status import folder_of
 from calib.confidence.artifacts import CONFIDENCE
-from calib.confidence.bands import PREDICTIVE
 from calib.confidence.document import ComparisonResult, ConfidenceResult, PosteriorResult
 from calib.confidence.profile import WINDOW_END
 from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
-from calib.report.pages.confidence import comparison_remarks, prediction_remarks
+from calib.report.pages.confidence import comparison_remarks, prediction_remarks, sampling_remarks
 from calib.units import reading, shown
 from calib.workflows.confidence import CONFIDENCE_PICTURE, confidence_study, pairs_of
-from calib.workflows.posterior import ENSEMBLE, POSTERIOR, POSTERIOR_PICTURE, PREDICTIVE_PICTURE
+from calib.workflows.posterior import POSTERIOR_FILES, damage_of_sample
 
 MIN_DIGITS = 4  # significant ones of a printed value  [count]
 
@@ -43,7 +42,7 @@ def print_confidence(
     chosen = [pairs_of(text) for text in pairs]
     together = "all" if "all" in chosen else [pair for own in chosen if not isinstance(own, str) for pair in own]
     try:
-        with Count("points", quiet or as_json) as count:
+        with Count("evaluations", quiet or as_json) as count:
             result = confidence_study(
                 study,
                 out,
@@ -91,13 +90,15 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
             f"{own.evaluations} evaluations",
             soft_wrap=True,
         )
+        for remark in sampling_remarks(own):
+            console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
         if own.confirmed is not None:
             console.print(f"confirming simulator: {escape(own.confirmed.text)}", soft_wrap=True)
         if own.predicted:
             console.print(_predictions(own))
         for remark in (text for record in own.predicted for text in prediction_remarks(record)):
             console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
-        names += [POSTERIOR, POSTERIOR_PICTURE, PREDICTIVE, PREDICTIVE_PICTURE, ENSEMBLE]
+        names += [name for name in POSTERIOR_FILES if not damage_of_sample(folder, name)]
     if result.comparison is not None:
         _show_comparison(result.comparison, console)
     console.print(f"this run took {result.seconds:.1f} s")

@@ -64,7 +64,7 @@ def profiled(
     u : (dim,) the best point, in the unit cube
     notes : finished points are taken from there, and added to it
     pairs : of parameters that are profiled together
-    on_progress : called with the number of points that are done and of those that are foreseen
+    on_progress : called with the number of evaluations that are done, and of those that are foreseen
 
     Raises
     ------

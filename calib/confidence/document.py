@@ -4,7 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from calib.records import OK
 from calib.store.plain import plain, typed
+
+AT_LIMIT = "limit"  # status of a sample whose evaluations were not enough
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,21 @@ class MarginalResult:
 
 
 @dataclass(frozen=True)
+class ModeResult:
+    """One of several separate modes of a posterior distribution, in SI.
+
+    Attributes
+    ----------
+    share : of the probability  [1]
+    mean, standard_deviation : of each parameter in it
+    """
+
+    share: float
+    mean: Mapping[str, float]
+    standard_deviation: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class PredictedChannelResult:
     """A channel of a body beside what the posterior distribution predicts of it.
 
@@ -186,10 +204,12 @@ class ConfirmedResult:
     ----------
     draws, failed : number of them, and of those that cannot be compared there
     effective_size : of the reweighted draws  [count]
-    reweighted : whether that is enough
+    reweighted : whether that is enough, and `pareto_k` small enough
     spread : standard deviation over the draws of the difference of both log-likelihoods  [1]
     parameters : of the reweighted draws; none where these are too few
     text : in words
+    pareto_k : shape of the tail of the weights, by Pareto-smoothed importance sampling  [1]; None where too few draws
+        have a weight
     """
 
     draws: int
@@ -199,6 +219,7 @@ class ConfirmedResult:
     spread: float
     parameters: tuple[ConfirmedMarginalResult, ...]
     text: str
+    pareto_k: float | None = None
 
 
 @dataclass(frozen=True)
@@ -213,6 +234,8 @@ class PosteriorResult:
     evaluations : that it took, of all calibrated records
     predicted : records beside what it predicts of them, the calibrated ones first
     confirmed : by the confirming simulator; None where there is none
+    modes : separate ones, the heaviest first; none where there is only one
+    status : "ok", or "limit" where the sampling reached its largest number of evaluations
     """
 
     parameters: tuple[MarginalResult, ...]
@@ -222,6 +245,8 @@ class PosteriorResult:
     evaluations: int
     predicted: tuple[PredictedRecordResult, ...] = ()
     confirmed: ConfirmedResult | None = None
+    modes: tuple[ModeResult, ...] = ()
+    status: str = OK
 
 
 @dataclass(frozen=True)

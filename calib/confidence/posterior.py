@@ -28,6 +28,7 @@ EFFECTIVE_SIZE = 1000.0  # of the sample  [count]: a mean has an error of 3 % of
 # the likelihood has a plateau below its top, as without contact, the share stays at 1 % and exploration would not end
 REMAINING_EVIDENCE = 0.05
 EVALUATIONS_PER_LIVE_POINT = 2.0  # for each unit of the logarithm of the compression, for the progress  [count]
+MAX_EVALUATIONS_RATIO = 10  # over those that so many parameters take, at which the sampling ends as it is  [count]
 COMPRESSION_PER_PARAMETER = 4.0  # logarithm of the prior's width over the posterior's, where that is not known  [1]
 
 
@@ -43,6 +44,7 @@ class Posterior:
     log_evidence_error : its standard error
     effective_size : of the weighted sample  [count]
     evaluations : that it took
+    complete : whether it ended by itself, not at the largest number of evaluations
     """
 
     points: np.ndarray
@@ -51,6 +53,7 @@ class Posterior:
     log_evidence_error: float
     effective_size: float
     evaluations: int
+    complete: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +102,7 @@ def sample_posterior(
     compression: float | None = None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
 ) -> Posterior:
-    """Sample the posterior distribution.
+    """Sample the posterior distribution, with at most `MAX_EVALUATIONS_RATIO` times the evaluations that are expected.
 
     Parameters
     ----------
@@ -136,13 +139,14 @@ def sample_posterior(
         prior, likelihood, n_dim=dimensions, n_live=live, n_batch=BATCH, n_networks=NETWORKS, vectorized=True,
         neural_network_kwargs=TRAINING, pass_dict=False, seed=seed,
     )  # fmt: skip
-    sampler.run(f_live=REMAINING_EVIDENCE, n_eff=EFFECTIVE_SIZE, discard_exploration=False)
+    most = MAX_EVALUATIONS_RATIO * expected_evaluations(dim)
+    complete = sampler.run(f_live=REMAINING_EVIDENCE, n_eff=EFFECTIVE_SIZE, n_like_max=most, discard_exploration=False)
     points, log_weights, logarithms = (np.asarray(own) for own in sampler.posterior())
     chosen = _equally_weighted(np.exp(log_weights), round(float(sampler.n_eff)), seed)
     on_progress(evaluated, evaluated)
     return Posterior(
         points[chosen, :dim], logarithms[chosen], float(sampler.log_z),
-        float(1.0 / np.sqrt(sampler.n_eff)), float(sampler.n_eff), evaluated,
+        float(1.0 / np.sqrt(sampler.n_eff)), float(sampler.n_eff), evaluated, bool(complete),
     )  # fmt: skip
 
 

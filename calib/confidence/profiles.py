@@ -21,6 +21,7 @@ MAX_ROUNDS = 3  # from better and better points  [count]
 MIN_IMPROVEMENT = 0.02  # of the quantile, by which a point is better than the best one  [1]
 DEFAULT_ERROR = 0.1  # of the window: scale of steps where there is no local standard error  [1]
 EXPECTED_POINTS = 5  # of one side, for the progress  [count]
+EXPECTED_EVALUATIONS_PER_PARAMETER = 10  # of a point whose other parameters are fitted, for the progress  [count]
 LOW, HIGH = "low", "high"
 SIGNS = {LOW: -1.0, HIGH: 1.0}
 
@@ -108,7 +109,7 @@ def profiles(
     names : (dim,) of the parameters
     notes : finished points are taken from there, and added to it
     pairs : of names
-    on_progress : called with the number of points that are done and of those that are foreseen
+    on_progress : called with the number of evaluations that are done, and of those that are foreseen
 
     Raises
     ------
@@ -116,8 +117,10 @@ def profiles(
     """
     start = np.array(u, dtype=float)
     improved = False
+    progress = _Progress(on_progress, len(pairs) * NODES, len(names))
     for number in range(MAX_ROUNDS):
-        round_ = _Round(evaluate, analyse, names, notes, number, _Progress(on_progress, len(pairs) * NODES))
+        progress.begin_round()
+        round_ = _Round(evaluate, analyse, names, notes, number, progress)
         analysis, centre = round_.begin(start)
         found = round_.follow(analysis, centre)
         lowest = min((p for both in found[0].values() for own in both for p in own), key=lambda p: p.square)
@@ -142,7 +145,7 @@ def best_about(
     notes: Notes,
 ) -> tuple[LocalAnalysis, Centre]:
     """Fit the best point near `u` (dim,) as `profiles` does before they begin; the rest as there."""
-    return _Round(evaluate, analyse, names, notes, 0, _Progress(lambda done, foreseen: None, 0)).begin(u)
+    return _Round(evaluate, analyse, names, notes, 0, _Progress(lambda done, foreseen: None, 0, len(names))).begin(u)
 
 
 def fit_about(analysis: LocalAnalysis, likelihood: AdjustedLikelihood, evaluate: Evaluate) -> ConstrainedFit:
@@ -155,26 +158,55 @@ def fit_about(analysis: LocalAnalysis, likelihood: AdjustedLikelihood, evaluate:
 
 
 class _Progress:
-    """Counts finished points of sides and of grids, and those that are foreseen."""
+    """Counts the evaluations of finished points of sides and of grids, and of those that are foreseen.
 
-    def __init__(self, on_progress: Callable[[int, int], None], nodes: int):
-        self._on_progress, self._nodes = on_progress, nodes
-        self._done_nodes = 0
-        self._done: dict[str, int] = {}
-        self._foreseen: dict[str, int] = {}
+    A point that is foreseen counts with as many evaluations as the finished ones of a side, or of a grid, took in the
+    mean.
+    """
 
-    def side(self, key: str, done: int, ended: bool = False) -> None:
-        """Take in how many points of a side are done."""
-        self._done[key], self._foreseen[key] = done, done if ended else max(done + 1, EXPECTED_POINTS)
+    def __init__(self, on_progress: Callable[[int, int], None], nodes: int, dim: int):
+        self._on_progress, self._foreseen_nodes = on_progress, nodes
+        self._points, self._nodes = _Mean(dim - 1), _Mean(dim - 2)
+        self._sides: dict[str, tuple[int, bool]] = {}
+
+    def begin_round(self) -> None:
+        """Forget the sides of the round before; what it took stays counted."""
+        self._sides.clear()
+
+    def side(self, key: str, points: Sequence[FittedPoint], done: int, ended: bool = False) -> None:
+        """Take in further points of a side, of which so many are done now."""
+        self._sides[key] = done, ended
+        self._points.add(points)
         self._tell()
 
-    def nodes(self, done: int) -> None:
-        """Take in that so many more nodes are done."""
-        self._done_nodes += done
+    def nodes(self, points: Sequence[FittedPoint]) -> None:
+        """Take in further nodes."""
+        self._nodes.add(points)
         self._tell()
 
     def _tell(self) -> None:
-        self._on_progress(sum(self._done.values()) + self._done_nodes, sum(self._foreseen.values()) + self._nodes)
+        sides = sum(0 if ended else max(1, EXPECTED_POINTS - done) for done, ended in self._sides.values())
+        left = sides * self._points.each + (self._foreseen_nodes - self._nodes.points) * self._nodes.each
+        done = self._points.evaluations + self._nodes.evaluations
+        self._on_progress(done, done + round(left))
+
+
+class _Mean:
+    """Evaluations that fits of a number of free parameters take in the mean."""
+
+    def __init__(self, free: int):
+        self._expected = max(1, EXPECTED_EVALUATIONS_PER_PARAMETER * free)
+        self.points = self.evaluations = 0
+
+    def add(self, points: Sequence[FittedPoint]) -> None:
+        """Take in points."""
+        self.points += len(points)
+        self.evaluations += sum(point.evaluations for point in points)
+
+    @property
+    def each(self) -> float:
+        """Evaluations of a further point."""
+        return self.evaluations / self.points if self.points else self._expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +261,7 @@ class _Round:
             for label, side in zip(SIGNS, both, strict=True):
                 key = f"{self.number}/{name}/{label}"
                 known = self._known(key)
-                self.progress.side(key, len(known))
+                self.progress.side(key, known, len(known))
                 functions.append(partial(self._side, side, analysis, key, known))
         results = lockstep(self.evaluate, functions)
         pairs = [(results[2 * k], results[2 * k + 1]) for k in range(len(self.names))]
@@ -241,10 +273,10 @@ class _Round:
     ) -> tuple[tuple[FittedPoint, ...], SideEnd]:
         def keep(number: int, point: FittedPoint) -> None:
             self.notes.add(f"{key}/{number}", point)
-            self.progress.side(key, number + 1)
+            self.progress.side(key, [point], number + 1)
 
         points, end = profile_side(side, fit_about(analysis, side.centre.likelihood, evaluate), known, keep)
-        self.progress.side(key, len(points), ended=True)
+        self.progress.side(key, [], len(points), ended=True)
         return points, end
 
     def _known(self, key: str) -> list[FittedPoint]:
@@ -273,10 +305,10 @@ class _Round:
         nodes = [(i, j) for i in range(-size, size + 1) for j in range(-size, size + 1)]
         found = {node: self.notes.get(f"{key}/{node[0]}/{node[1]}") for node in nodes}
         known = {node: point for node, point in found.items() if point is not None}
-        self.progress.nodes(len(known))
+        self.progress.nodes(list(known.values()))
 
         def keep(node: Node, point: FittedPoint) -> None:
             self.notes.add(f"{key}/{node[0]}/{node[1]}", point)
-            self.progress.nodes(1)
+            self.progress.nodes([point])
 
         return pair.fitted(self.evaluate, fit, known, keep)

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from calib.confidence.document import MarginalResult, PosteriorResult
+from calib.confidence.document import AT_LIMIT, MarginalResult, ModeResult, PosteriorResult
 from calib.confidence.likelihood import LEVEL
+from calib.confidence.modes import separate_modes
 from calib.confidence.posterior import Posterior
 from calib.confidence.prior import Prior
 from calib.execution.files import whole
 from calib.modelling.parameter import Space
+from calib.records import OK
 from calib.units import shown
 
 ENSEMBLE_SIZE = 20  # parameter sets of an ensemble  [count]
@@ -51,8 +53,30 @@ def posterior_result(
         )
     return PosteriorResult(
         tuple(marginals), posterior.log_evidence, posterior.log_evidence_error, posterior.effective_size,
-        posterior.evaluations,
+        posterior.evaluations, modes=modes(values_of(space, posterior), posterior.points),
+        status=OK if posterior.complete else AT_LIMIT,
     )  # fmt: skip
+
+
+def modes(values: Mapping[str, np.ndarray], points: np.ndarray) -> tuple[ModeResult, ...]:
+    """Return the separate modes of a sample, the heaviest first; none where there is only one.
+
+    Parameters
+    ----------
+    values : (n,) of each parameter, in SI
+    points : (n, dim) the same in the unit cube
+    """
+    found = separate_modes(points)
+    if len(found) < 2:
+        return ()
+    return tuple(
+        ModeResult(
+            own.size / len(points),
+            {name: float(value[own].mean()) for name, value in values.items()},
+            {name: float(value[own].std()) for name, value in values.items()},
+        )
+        for own in found
+    )
 
 
 def prior_in_words(prior: Prior | None, scale: str, unit: str) -> str:

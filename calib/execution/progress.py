@@ -1,6 +1,7 @@
 """Progress of a known number of tasks: a bar on a terminal, a line every few seconds elsewhere."""
 
 import time
+from bisect import bisect_right
 
 from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
@@ -10,14 +11,18 @@ LINE_INTERVAL = 5.0  # s between two lines where there is no terminal
 
 
 class Count:
-    """Reports how much of a known number is done: a bar on a terminal, a line every few seconds elsewhere."""
+    """Reports how much of a known number is done: a bar on a terminal, a line every few seconds elsewhere.
+
+    The time left is told by the pace of the later half of what was done: what it takes to begin with does not count.
+    """
 
     def __init__(self, unit: str, quiet: bool = False, console: Console | None = None):
         self._console = console or Console(stderr=True, highlight=False)
         self._quiet = quiet
         self._unit = unit
-        self._last_line = self._begin = time.monotonic()
-        self._done_before: int | None = None  # number done at the first call: by earlier runs
+        self._last_line = time.monotonic()
+        self._times = list[float]()  # of the calls that told of more  [s]
+        self._dones = list[int]()  # that they told of; the first: what earlier runs have done
         self._bars: Bars | None = None
 
     def __enter__(self) -> "Count":
@@ -36,12 +41,15 @@ class Count:
 
     def __call__(self, done: int, total: int) -> None:
         """Report that `done` of `total` are done."""
-        if self._done_before is None:
-            self._done_before = done
         now = time.monotonic()
         left = ""
-        if done > self._done_before:
-            left = f"  about {clock_time((now - self._begin) / (done - self._done_before) * (total - done))} left"
+        if self._dones and done > self._dones[0]:
+            half = bisect_right(self._dones, (self._dones[0] + done) // 2) - 1
+            pace = (now - self._times[half]) / (done - self._dones[half])
+            left = f"  about {clock_time(pace * (total - done))} left"
+        if not self._dones or done > self._dones[-1]:
+            self._times.append(now)
+            self._dones.append(done)
         text = f"{done}/{total} {self._unit}{left if done < total else ''}"
         if self._bars is not None:
             self._bars.update(self._task, completed=done, total=total, text=text)

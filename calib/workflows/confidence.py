@@ -81,7 +81,7 @@ def confidence_study(
     pool : keys of a [pool] table that takes the place of the file's
     fresh : forget the points made so far
     on_stage : called with what is being done
-    on_progress : called with the number of points that are done, and of those that are foreseen
+    on_progress : called with the number of evaluations that are done, and of those that are foreseen
 
     Raises
     ------

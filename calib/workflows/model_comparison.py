@@ -154,6 +154,8 @@ def _compared(own: OpenModel, first: _Sampled, other: _Sampled) -> ComparedModel
         text = f"the evidence {side} this model is {in_words(factor)}"
         if further and factor > 0.0:
             text += f"; {width_in_words(factor)}"
+    if not sample.complete:
+        text += f"{'; ' if text else ''}its sampling ended at the limit of evaluations: evidence may be missing"
     return ComparedModelResult(
         study.name, tuple(effect.name for effect in study.model.effects), further, common.log_best, evidence,
         sample.log_evidence_error, 0.0 if model is own else factor, 0.0 if model is own else error, sample.evaluations,

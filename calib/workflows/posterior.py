@@ -20,6 +20,7 @@ from calib.confidence.profile import Centre
 from calib.confidence.sample import posterior_result, prior_in_words, values_of, write_ensemble, write_posterior
 from calib.errors import CalibError
 from calib.execution.files import whole
+from calib.execution.netcdf import read_dataset
 from calib.report.plots.posterior import posterior_figure
 from calib.report.plots.predictive import predictive_figure
 from calib.report.plots.style import png
@@ -38,6 +39,7 @@ from calib.workflows.predictive import (
 
 POSTERIOR, POSTERIOR_PICTURE, ENSEMBLE = "posterior.nc", "posterior.png", "ensemble.csv"
 PREDICTIVE_PICTURE = "predictive.png"
+POSTERIOR_FILES = (POSTERIOR, POSTERIOR_PICTURE, PREDICTIVE, PREDICTIVE_PICTURE, ENSEMBLE)
 NUISANCE_NOTES = "confidence.nuisances.jsonl"  # points of the study whose nuisances are parameters
 MAX_COVARIANCE_CONDITION = 1e10  # of a covariance, above which it does not tell directions apart  [1]
 
@@ -130,13 +132,28 @@ def with_earlier(result: ConfidenceResult, file: StudyFile, folder: Path) -> Con
     }
     if any(priors.get(name) != prior for name, prior in now.items()):
         return without_earlier(result, folder)
-    return replace(result, posterior=earlier.posterior)
+    damage = tuple(filter(None, (damage_of_sample(folder, name) for name in POSTERIOR_FILES)))
+    return replace(result, posterior=earlier.posterior, remarks=(*result.remarks, *damage))
+
+
+def damage_of_sample(folder: Path, name: str) -> str:
+    """Why a file of a posterior distribution cannot be used, a sentence without its full stop; "" where it can."""
+    path = folder / name
+    if not path.is_file():
+        return f"{path} is missing: sample the posterior distribution again, with --posterior"
+    if path.suffix != ".nc":
+        return ""
+    try:
+        read_dataset(path)
+    except CalibError as error:
+        return f"{path} is damaged: sample the posterior distribution again, with --posterior ({error})"
+    return ""
 
 
 def without_earlier(result: ConfidenceResult, folder: Path) -> ConfidenceResult:
     """Remove the files of an earlier posterior distribution where the result has none."""
     if result.posterior is None:
-        for name in (POSTERIOR, POSTERIOR_PICTURE, PREDICTIVE, PREDICTIVE_PICTURE, ENSEMBLE):
+        for name in POSTERIOR_FILES:
             (folder / name).unlink(missing_ok=True)
     return result
 

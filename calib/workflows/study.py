@@ -425,7 +425,7 @@ class Calibration:
 
         The arguments are those of `calib.workflows.confidence.confidence_study`.
         """
-        with Count("points", quiet) as count:
+        with Count("evaluations", quiet) as count:
             return Profiled(confidence_study(
                 self.path, pairs=pairs, posterior=posterior, sample_nuisances=sample_nuisances, compare=compare,
                 jobs=jobs, pool=pool, fresh=fresh, on_progress=count,

@@ -30,6 +30,19 @@ def test_a_shifted_normal_distribution_is_found_by_its_weights(shift):
     assert found.spread == pytest.approx(abs(shift), abs=0.03)
 
 
+@pytest.mark.parametrize(("k", "usable"), [(0.1, True), (0.4, True), (0.95, False)])
+def test_the_tail_of_the_weights_has_its_pareto_shape(k, usable):
+    """Draws of an exponential distribution have, for one of the rate 1 - k, weights of Pareto's of the shape k."""
+    draws = np.random.default_rng(5).exponential(size=20000)
+    weighted = Reweighted.of(-draws, -(1.0 - k) * draws)
+    assert weighted.pareto_k == pytest.approx(k, abs=0.2)  # from 425 weights its standard error is (1 + k) / 21
+    assert weighted.usable == usable
+    found = confirmed_result(-draws, -(1.0 - k) * draws, {"gain": draws}, {"gain": 1.0})
+    assert f"draws are effective, Pareto k {weighted.pareto_k:.2f}" in found.text
+    assert ("(0.7 at most is wanted)" in found.text) == (not usable)
+    assert (found.pareto_k, found.reweighted) == (pytest.approx(weighted.pareto_k), usable)
+
+
 def test_a_distribution_elsewhere_is_not_reweighted():
     found = result(6.0)
     assert not found.reweighted

@@ -1,17 +1,22 @@
 """Claims about the sampled posterior distribution, on likelihoods whose posterior is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from calib.confidence import posterior
 from calib.confidence.constrained import FittedPoint
 from calib.confidence.likelihood import AdjustedLikelihood
-from calib.confidence.posterior import LogLikelihood, sample_posterior
+from calib.confidence.modes import separate_modes
+from calib.confidence.posterior import LogLikelihood, expected_evaluations, sample_posterior
 from calib.confidence.prior import Prior, positions
+from calib.confidence.sample import posterior_result
 from calib.errors import CalibError
 from calib.modelling.parameter import Space, Window
+from calib.report.pages.confidence import sampling_remarks
 
 LIVE_POINTS = 150
 
@@ -44,7 +49,42 @@ def test_two_modes_have_their_weights():
 
     found = sample_posterior(mixture, same, 2, seed=1, live_points=LIVE_POINTS)
     assert np.mean(found.points[:, 0] < 0.5) == pytest.approx(0.3, rel=0.1)
+    assert [own.size / len(found.points) for own in separate_modes(found.points)] == pytest.approx([0.7, 0.3], rel=0.1)
     assert found.log_evidence == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_a_banana_has_its_evidence_mean_and_spread():
+    """A normal distribution with a bend, whose Jacobian is 1; 0.1 % of it are outside the window."""
+
+    def bent(points):
+        a, b = points.T
+        return stats.norm.logpdf(a, 0.5, 0.1) + stats.norm.logpdf(b - 0.3 - 6.0 * (a - 0.5) ** 2, 0.0, 0.03)
+
+    found = sample_posterior(bent, same, 2, seed=1, live_points=LIVE_POINTS)
+    mean, deviation = np.array([0.5, 0.36]), np.array([0.1, math.hypot(0.03, 6.0 * 0.1**2 * math.sqrt(2.0))])
+    assert found.log_evidence == pytest.approx(0.0, abs=0.1)
+    assert np.all(np.abs(found.points.mean(axis=0) - mean) < 0.1 * deviation)
+    assert found.points.std(axis=0) == pytest.approx(deviation, rel=0.1)
+    assert found.complete
+
+
+@pytest.mark.slow
+def test_a_sampling_that_reaches_its_limit_ends_and_says_so(monkeypatch):
+    monkeypatch.setattr(posterior, "MAX_EVALUATIONS_RATIO", 0.15)
+    limit = 0.15 * expected_evaluations(2)
+    found = sample_posterior(
+        stats.multivariate_normal([0.4, 0.6], 0.01**2 * np.eye(2)).logpdf, same, 2, seed=1, live_points=LIVE_POINTS
+    )
+    assert not found.complete
+    assert limit <= found.evaluations <= limit + posterior.BATCH
+    space = Space({"a": Window(0.0, 1.0), "b": Window(0.0, 1.0)})
+    result = posterior_result(space, {"a": "1", "b": "1"}, {}, found)
+    assert result.status == "limit"
+    [remark] = sampling_remarks(replace(result, modes=()))
+    assert remark.startswith(
+        f"the sampling ended at its limit, after {found.evaluations} evaluations, with an effective"
+    )
 
 
 @pytest.mark.slow

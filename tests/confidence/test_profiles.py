@@ -273,6 +273,20 @@ def test_a_pair_of_parameters_has_the_ratio_of_its_covariance():
     assert pytest.approx(0.9545, abs=1e-4) == LEVEL
 
 
+def test_progress_counts_evaluations_of_finished_points_and_ends_at_what_it_foresees():
+    problem, told = banana(), []
+    found = problem.profiles(
+        [0.75, 0.375], pairs=[("a", "b")], on_progress=lambda done, foreseen: told.append((done, foreseen))
+    )
+    done = [one for one, _ in told]
+    points = [point for both in found.points.values() for own in both for point in own]
+    nodes = [point for grid in found.pairs for node, point in grid[1].items() if node != (0, 0)]
+    assert done == sorted(done)
+    assert told[-1] == (sum(point.evaluations for point in (*points, *nodes)),) * 2
+    middle = [foreseen for one, foreseen in told if one >= 0.1 * done[-1]]
+    assert 0.5 * done[-1] < min(middle) < max(middle) < 2.0 * done[-1]
+
+
 @pytest.mark.parametrize("most", [0, 1, 4, 11, 40])
 def test_an_interrupted_run_ends_in_the_same_numbers(most):
     problem = banana()

@@ -38,6 +38,16 @@ def test_what_was_done_earlier_does_not_count_for_the_time_left(clock):
     assert counted(clock, [50, 60])[-1] == "60/100 points  about 0:40 left"
 
 
+def test_a_slow_begin_does_not_count_for_the_time_left(clock):
+    console = Console(file=io.StringIO(), width=200)
+    with Count("points", console=console) as count:
+        clock.now += 100.0  # processes start
+        for pause, done in ((0.0, 0), (500.0, 1), (10.0, 11), (10.0, 21)):
+            clock.now += pause
+            count(done, 101)
+    assert console.file.getvalue().splitlines()[-1] == "21/101 points  about 1:20 left"
+
+
 def test_a_count_is_not_told_more_often_than_one_reads(clock):
     console = Console(file=io.StringIO(), width=200)
     with Count("points", console=console) as count:

@@ -225,13 +225,11 @@ def test_the_posterior_distribution_is_sampled_and_goes_on_where_it_was_stopped(
     shutil.copytree(profiled[0], folder)
 
     def stop(done, foreseen):
-        if done > 300:
+        if (folder / "out" / "confidence.jsonl").read_bytes().count(b'"evaluation/') >= 250:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         confidence_study(folder, posterior=True, on_progress=stop)
-    kept = (folder / "out" / "confidence.jsonl").read_bytes().count(b'"evaluation/')
-    assert kept >= 250
     output = calib("confidence", folder, "--posterior").output
     assert "log evidence over the likelihood of the best point: -1" in output
     assert "priors: gain flat in the window on its logarithmic scale; harmonic flat in the window" in output
@@ -258,8 +256,17 @@ def test_the_posterior_distribution_is_sampled_and_goes_on_where_it_was_stopped(
     assert rows[0] == "gain [1],harmonic [m]"
     assert len(rows) == 21
     assert (folder / "out" / "posterior.png").read_bytes().startswith(b"\x89PNG")
-    calib("confidence", folder, "--pairs", "all")
+    output = calib("confidence", folder, "--pairs", "all").output
+    assert "posterior.nc" in output
+    assert "damaged" not in output
     assert read_confidence(folder / "out").posterior == result.posterior
+    sample = (folder / "out" / "posterior.nc").read_bytes()
+    (folder / "out" / "posterior.nc").write_bytes(sample[: len(sample) // 2])
+    output = calib("confidence", folder).output
+    assert re.search(
+        r"mind: .*posterior\.nc is damaged: sample the posterior distribution again, with --posterior", output
+    )
+    assert "confidence.png, report.html, posterior.png" in output
     (folder / "study.toml").write_text((folder / "study.toml").read_text() + PRIORS)
     calib("confidence", folder)
     assert read_confidence(folder / "out").posterior is None

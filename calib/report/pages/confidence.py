@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import xarray as xr
 
 from calib.confidence.document import (
+    AT_LIMIT,
     ComparedModelResult,
     ComparisonResult,
     ConfidenceResult,
     EndResult,
     MarginalResult,
+    ModeResult,
     PosteriorResult,
     PredictedRecordResult,
     ProfileResult,
@@ -98,6 +100,7 @@ class ConfidenceChapter:
     effort: str
     marginals: tuple[MarginalRow, ...]
     sampling: str
+    sampling_remarks: tuple[str, ...]
     confirmed: str
     predicted: tuple[PredictedRow, ...]
     prediction_remarks: tuple[str, ...]
@@ -142,6 +145,7 @@ def confidence_chapter(
         effort=f"{count(confidence.evaluations, 'evaluation')} of the calibrated records",
         marginals=() if posterior is None else tuple(map(_marginal, posterior.parameters)),
         sampling="" if posterior is None else _sampling(confidence.level, posterior),
+        sampling_remarks=() if posterior is None else tuple(map(capitalised, sampling_remarks(posterior))),
         confirmed="" if posterior is None or posterior.confirmed is None else posterior.confirmed.text,
         predicted=tuple(row for record in predicted for row in _predicted(record)),
         prediction_remarks=tuple(text for record in predicted for text in prediction_remarks(record)),
@@ -198,6 +202,31 @@ def _sampling(level: float, own: PosteriorResult) -> str:
         f"{level:.1%} intervals of equal tails. Effective sample size {own.effective_size:.0f}, from "
         f"{count(own.evaluations, 'evaluation')}. Logarithm of the evidence over the likelihood of the best point: "
         f"{own.log_evidence:.2f} ± {own.log_evidence_error:.2f}."
+    )
+
+
+def sampling_remarks(own: PosteriorResult) -> list[str]:
+    """What to mind of a posterior distribution, a sentence each, without its full stop."""
+    remarks = []
+    if own.status == AT_LIMIT:
+        remarks.append(
+            f"the sampling ended at its limit, after {count(own.evaluations, 'evaluation')}, with an effective sample "
+            f"size of {own.effective_size:.0f}: the likelihood may have a plateau; parts of the distribution, and of "
+            "its evidence, may be missing"
+        )
+    if own.modes:
+        parts = "; ".join(f"{100.0 * mode.share:.0f} % with {_mode(own, mode)}" for mode in own.modes)
+        remarks.append(
+            f"the posterior distribution has {len(own.modes)} separate modes, over all of which means, standard "
+            f"deviations and intervals are taken: {parts}"
+        )
+    return remarks
+
+
+def _mode(own: PosteriorResult, mode: ModeResult) -> str:
+    return ", ".join(
+        f"{one.name} {shown(mode.mean[one.name], one.unit)} ± {shown(mode.standard_deviation[one.name], one.unit, 2)}"
+        for one in own.parameters
     )
 
 

@@ -13,6 +13,7 @@ from calib.confidence.document import (
     ConfidenceResult,
     EndResult,
     MarginalResult,
+    ModeResult,
     PairResult,
     PointResult,
     PosteriorResult,
@@ -23,7 +24,7 @@ from calib.confidence.document import (
 from calib.confidence.predictive import PredictedChannel
 from calib.records import make
 from calib.report import render
-from calib.report.pages.confidence import confidence_chapter
+from calib.report.pages.confidence import confidence_chapter, sampling_remarks
 from calib.report.plots.profiles import profiles_figure
 from calib.report.plots.style import png
 from calib.study import CalibrationResult
@@ -59,6 +60,18 @@ PROFILED = ConfidenceResult(
 def words(text):
     text = re.sub(r"<svg.*?</svg>|<style.*?</style>", " ", text, flags=re.S)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text)).replace("\u00a0", " ")
+
+
+def test_modes_and_a_limit_of_the_sampling_are_said():
+    marginals = (MarginalResult("gap", "m", "linear", 1e-3, 1e-4, 0.0, 1.0, "flat"),)
+    modes = ModeResult(0.7, {"gap": 1.1e-3}, {"gap": 2e-5}), ModeResult(0.3, {"gap": 0.9e-3}, {"gap": 1e-5})
+    limit, several = sampling_remarks(PosteriorResult(marginals, -3.0, 0.5, 4.0, 900, modes=modes, status="limit"))
+    assert limit.startswith(
+        "the sampling ended at its limit, after 900 evaluations, with an effective sample size of 4:"
+    )
+    assert "has 2 separate modes" in several
+    assert "70 % with gap 1.1 mm ± 0.02 mm; 30 % with gap 0.9 mm ± 0.01 mm" in several
+    assert sampling_remarks(PosteriorResult(marginals, -3.0, 0.03, 1000.0, 900)) == []
 
 
 def test_the_intervals_stand_in_the_page(periodic, undrawn):
