@@ -33,7 +33,7 @@ def driven(w, F):
 
 
 def agrees_with_branches(maps, curve, count, reach):
-    """Whether branches over a through some points of a curve have their special points there, to 1e-6 of `reach`."""
+    """Whether branches over a through some points of a curve have their special points there, to 1e-6 of a."""
     chosen = np.linspace(0, curve.a.size - 1, count + 2).astype(int)[1:-1]
     for i in chosen:
         a, b = curve.a[i], curve.b[i]
@@ -46,7 +46,7 @@ def agrees_with_branches(maps, curve, count, reach):
             located = [point.parameter for point in branch.points if point.kind == curve.kind]
             if located:
                 break
-        assert np.abs(np.array(located) - a).min() < 1e-6 * max(1.0, abs(a)), branch.ends
+        assert np.abs(np.array(located) - a).min() < 1e-6 * abs(a), branch.ends
 
 
 # --- the ball on a table that vibrates
@@ -194,6 +194,44 @@ def test_grazing_and_flip_of_the_beam_over_restitution_and_frequency_are_the_cha
     assert low < grazing < high
     _, (low, high) = cells(swept, names[0], "period-2", 3)
     assert low < flip < high
+
+
+@pytest.mark.slow
+def test_grazing_and_flip_of_the_beam_over_gap_and_amplitude_are_the_changes_of_a_sweep(tmp_path):
+    """Of the motion of two periods; all lengths may be scaled alike, so that the curves are rays from the origin."""
+    setting = load(STUDY).setting({"restitution": 0.3, "gap": 1e-3, "excitation.frequency": 26.3})
+    names, amplitude = ("gap", "excitation.amplitude"), 1.47e-3
+
+    def maps(gap, amplitude):
+        return setting.map(dict(zip(names, (gap, amplitude), strict=True)))
+
+    map = maps(1e-3, 1.5e-3)
+    start = map.orbit(map.initial, 600).states[-1]
+    branch = follow(lambda gap: maps(gap, 1.5e-3), start, 1e-3, (0.85e-3, 1.3e-3), periods=2)
+    curves = follow_curves(branch, ParameterPlane(maps, (0.85e-3, 1.3e-3), (1.455e-3, 1.545e-3)), 1.5e-3)
+    kinds = [(curve.kind, curve.periods) for curve in curves]
+    assert kinds == [("grazing", 2), ("flip", 2), ("flip", 2), ("fold", 2), ("grazing", 1)]
+    for curve in curves:
+        assert np.ptp(curve.a / curve.b) < 1e-8
+        assert curve.points == ()  # none of codimension two is met on a ray
+    for curve in of_kind(curves, "flip"):
+        agrees_with_branches(maps, curve, 1, 2e-5)
+    first, last = np.sort(crossing(curves, "flip", amplitude))
+    least, largest = np.sort(crossing(curves, "grazing", amplitude))
+    ends = [0.905, 0.91, 0.92, 0.97, 1.018, 1.021, 1.024, 1.06, 1.16, 1.185, 1.188, 1.191, 1.21, 1.213, 1.22]
+    gaps = np.array(ends) * amplitude / 1.5  # m
+    smaller = replace(setting, excitation=replace(setting.excitation, amplitude=amplitude))
+    swept = run(Sweep(smaller, {names[0]: gaps}, carry="both", settle=200), tmp_path / "sweep.nc")
+
+    def of_period(branch, period, gap):
+        """Whether the motion at the ends of the cell of the grid around a gap is of a period."""
+        below = np.searchsorted(gaps, gap)
+        return (swept.sel(branch=branch).kind.values[below - 1 : below + 1] == f"period-{period}").tolist()
+
+    assert of_period("forward", 2, first) == [True, False]
+    assert of_period("forward", 2, last) == [False, True]
+    assert of_period("backward", 2, least) == [False, True]
+    assert of_period("backward", 1, largest) == [False, True]
 
 
 # --- Duffing's oscillator

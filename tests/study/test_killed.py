@@ -19,12 +19,13 @@ BUDGET = max(100, 15 * KILLS)
 TIMES = ("seconds",)  # the only entry of result.json that may differ
 
 
-def study(folder):
-    """studies/minimal beside its records; shortened to what the kills need."""
+def study(folder, optimiser):
+    """studies/minimal beside its records, with an optimiser; shortened to what the kills need."""
     home = folder / "studies" / "minimal"
     home.mkdir(parents=True)
     text = (ROOT / "studies" / "minimal" / "study.toml").read_text()
-    (home / "study.toml").write_text(re.sub("(?m)^budget = .*", f"budget = {BUDGET}", text))
+    text = re.sub("(?m)^budget = .*", f"budget = {BUDGET}", text).replace("multistart", optimiser)
+    (home / "study.toml").write_text(text)
     shutil.copytree(ROOT / "experiments_ref", folder / "experiments_ref")
     return home
 
@@ -53,18 +54,18 @@ def logged(out):
     return max(ledger.read_bytes().count(b"\n") - 1, 0) if ledger.exists() else 0  # its first line is the header
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+@pytest.fixture(scope="module", params=["multistart", "surrogate"])
+def whole(request, tmp_path_factory):
     """Folder of the study that nothing has killed."""
-    folder = tmp_path_factory.mktemp("whole")
-    subprocess.run(command(study(folder), folder / "out", 1), check=True)
+    folder = tmp_path_factory.mktemp("whole") / request.param
+    subprocess.run(command(study(folder, request.param), folder / "out", 1), check=True)
     return folder / "out"
 
 
 @pytest.mark.slow
 def test_many_kills_change_nothing(whole, tmp_path):
     """Killed while it starts, after a few more trials each, and the last time when the search is over."""
-    home, killed = study(tmp_path), tmp_path / "killed"
+    home, killed = study(tmp_path, whole.parent.name), tmp_path / "killed"
     trials, rng = logged(whole), random.Random(2)
     for kill in range(KILLS):
         until = logged(killed) + rng.randint(0, 2 * trials // (3 * KILLS)) if kill < KILLS - 1 else trials

@@ -15,6 +15,7 @@ from echo_study import bench, write_study
 from tiny_simulators import Echo
 
 import calib
+from calib import records
 from calib.cli import main
 from calib.errors import CalibError
 from calib.execution.pool import InProcess
@@ -202,3 +203,30 @@ def test_from_python_it_shows_itself():
     assert found.plot()._repr_png_().startswith(b"\x89PNG")
     assert "data:image/png;base64," in found._repr_html_()
     assert repr(study.sensitivity(trajectories=4, seed=7, quiet=True)) != repr(found)
+
+
+SECOND = """[[record]]
+name = "louder"
+path = "louder.nc"
+nuisance = ["trigger"]
+
+[model]
+"""
+
+
+def test_each_record_has_features_of_its_own(tmp_path):
+    """The gain, 0.5 to 2, acts on the motion of each base; beside the larger one the harmonic matters less."""
+    path = write_study(tmp_path, ("[model]\n", SECOND))
+    records.write(bench(amplitude=2e-3, seed=7), tmp_path / "louder.nc")
+    result = sensitivity(path)
+    assert result.measured_kind == {"bench": "period-1", "louder": "period-1"}
+    assert result.simulations == 2 * result.points
+    moved = {}
+    for own in result.outputs:
+        if own.of == FEATURE and own.label == "displacement amplitude":
+            assert own.points == result.points
+            moved[own.record] = {one.parameter: one.mu_star.value for one in own.influences}
+    assert set(moved) == {"bench", "louder"}
+    assert moved["louder"]["gain"] == pytest.approx(1.5 * 2e-3, rel=0.15)  # m, of a base that moves by 2 mm
+    assert moved["bench"]["gain"] < 0.6 * moved["louder"]["gain"]
+    assert moved["louder"]["harmonic"] < moved["bench"]["harmonic"]
