@@ -26,6 +26,7 @@ MAX_POINTS_OF_LIKELIHOOD = 300  # more would cost seconds a fit and change littl
 MAX_LIKELIHOODS = 100  # evaluations of the marginal likelihood in one climb  [1]
 POINTS_A_TREND_TERM = 2  # fewer leave nothing to tell the trend from the process by  [1]
 MAX_JITTERS = 6  # powers of ten of the jitter that are tried
+MIN_VARIANCE = 1e-10  # added to each value's, lest a covariance be singular, variances of the values  [1]
 DRAW_JITTER = 1e-9  # added to the variance of joint draws, variances of the values  [1]
 
 
@@ -68,6 +69,7 @@ class GaussianProcess:
     centre, scale : (outputs,), by which values are standardised
     hyperparameters : (outputs, 2 + dim), logarithms of signal variance, correlation lengths and noise variance, of the
         standardised values
+    variances : (n,) known ones of the values of each point, beside the noise; in the squared units of the values
     """
 
     points: np.ndarray
@@ -76,6 +78,7 @@ class GaussianProcess:
     centre: np.ndarray
     scale: np.ndarray
     hyperparameters: np.ndarray
+    variances: np.ndarray
     _regressors: tuple[Any, ...]
 
     @property
@@ -125,20 +128,28 @@ class GaussianProcess:
     def extended(self, points: np.ndarray, values: np.ndarray) -> Self:
         """The emulator with more points (k, dim) and their values (k, outputs), hyperparameters held."""
         points, values = _checked(points, values)
-        return self.given(np.vstack([self.points, points]), np.vstack([self.values, values]))
+        variances = np.append(self.variances, np.zeros(len(points)))
+        return self.given(np.vstack([self.points, points]), np.vstack([self.values, values]), variances)
 
-    def given(self, points: np.ndarray, values: np.ndarray) -> Self:
-        """The emulator of other points (n, dim) and values (n, outputs), hyperparameters held."""
+    def given(self, points: np.ndarray, values: np.ndarray, variances: np.ndarray | None = None) -> Self:
+        """The emulator of other points (n, dim), values (n, outputs) and variances (n,), hyperparameters held."""
         points, values = _checked(points, values)
+        variances = np.zeros(len(points)) if variances is None else variances
         regressors = tuple(
-            _conditioned(theta, self.trend, points, column)
-            for theta, column in zip(self.hyperparameters, ((values - self.centre) / self.scale).T, strict=True)
+            _conditioned(theta, self.trend, points, (column - centre) / scale, variances / scale**2)
+            for theta, column, centre, scale in zip(
+                self.hyperparameters, values.T, self.centre, self.scale, strict=True
+            )
         )
-        return replace(self, points=points, values=values, _regressors=regressors)
+        return replace(self, points=points, values=values, variances=variances, _regressors=regressors)
 
 
 def fit(
-    points: np.ndarray, values: np.ndarray, trend: Trend = Trend.LINEAR, start: GaussianProcess | None = None
+    points: np.ndarray,
+    values: np.ndarray,
+    trend: Trend = Trend.LINEAR,
+    start: GaussianProcess | None = None,
+    variances: np.ndarray | None = None,
 ) -> GaussianProcess:
     """Emulator of the values at these points, its hyperparameters by the largest marginal likelihood.
 
@@ -148,6 +159,7 @@ def fit(
     values : (n,) or (n, outputs), finite
     trend : degree of the trend
     start : an earlier emulator of the same quantities; the likelihood is climbed from its hyperparameters alone
+    variances : (n,) known ones of the values of each point, beside the noise; None: there are none
 
     Raises
     ------
@@ -164,17 +176,20 @@ def fit(
     centre, scale = values.mean(axis=0), values.std(axis=0)
     scale = np.where(scale > 1e-12 * np.maximum(np.abs(centre), 1e-300), scale, 1.0)
     standardised = (values - centre) / scale
+    variances = np.zeros(len(points)) if variances is None else variances
     hyperparameters = np.array(
         [
-            _most_likely(points, column, trend, None if start is None else start.hyperparameters[output])
-            for output, column in enumerate(standardised.T)
+            _most_likely(
+                points, column, trend, None if start is None else start.hyperparameters[k], variances / scale[k] ** 2
+            )
+            for k, column in enumerate(standardised.T)
         ]
     )
     regressors = tuple(
-        _conditioned(theta, trend, points, column)
-        for theta, column in zip(hyperparameters, standardised.T, strict=True)
+        _conditioned(hyperparameters[k], trend, points, column, variances / scale[k] ** 2)
+        for k, column in enumerate(standardised.T)
     )
-    return GaussianProcess(points, values, trend, centre, scale, hyperparameters, regressors)
+    return GaussianProcess(points, values, trend, centre, scale, hyperparameters, variances, regressors)
 
 
 def _checked(points: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -197,12 +212,15 @@ def _kernel(theta: np.ndarray, trend: Trend) -> Any:
     return Sum(process + WhiteKernel(noise, NOISE_VARIANCE_BOUNDS), PolynomialTrend(trend))
 
 
-def _conditioned(theta: np.ndarray, trend: Trend, points: np.ndarray, column: np.ndarray) -> Any:
-    """Regressor with the hyperparameters theta (2 + dim,), given standardised values (n,) at points (n, dim)."""
-    return GaussianProcessRegressor(_kernel(theta, trend), optimizer=None).fit(points, column)
+def _conditioned(theta: np.ndarray, trend: Trend, points: np.ndarray, column: np.ndarray, variances: np.ndarray) -> Any:
+    """Regressor with the hyperparameters theta (2 + dim,), given standardised values (n,) with their variances (n,)."""
+    kernel = _kernel(theta, trend)
+    return GaussianProcessRegressor(kernel, alpha=variances + MIN_VARIANCE, optimizer=None).fit(points, column)
 
 
-def _most_likely(points: np.ndarray, column: np.ndarray, trend: Trend, start: np.ndarray | None) -> np.ndarray:
+def _most_likely(
+    points: np.ndarray, column: np.ndarray, trend: Trend, start: np.ndarray | None, variances: np.ndarray
+) -> np.ndarray:
     """Hyperparameters (2 + dim,) of largest marginal likelihood, as logarithms, of standardised values (n,).
 
     Of more than MAX_POINTS_OF_LIKELIHOOD points an evenly spaced choice enters.
@@ -215,16 +233,53 @@ def _most_likely(points: np.ndarray, column: np.ndarray, trend: Trend, start: np
         if start is not None
         else [np.log([1.0, *[length] * dim, START_NOISE_VARIANCE]) for length in START_LENGTHS]
     )
-    kernel = _kernel(starts[0], trend)
-    regressor = GaussianProcessRegressor(kernel, optimizer=None).fit(points[chosen], column[chosen])
-
-    def cost(theta: np.ndarray) -> tuple[float, np.ndarray]:
-        likelihood, gradient = regressor.log_marginal_likelihood(theta, eval_gradient=True, clone_kernel=False)
-        return -likelihood, -gradient
-
-    best = min((np.clip(theta, *kernel.bounds.T) for theta in starts), key=lambda theta: cost(theta)[0])
+    bounds = _kernel(starts[0], trend).bounds
+    likelihood = NegativeLogLikelihood.of(points[chosen], column[chosen], trend, variances[chosen])
+    best = min((np.clip(theta, *bounds.T) for theta in starts), key=lambda theta: likelihood(theta)[0])
     options = {"maxfun": MAX_LIKELIHOODS}
-    return minimize(cost, best, method="L-BFGS-B", jac=True, bounds=kernel.bounds, options=options).x
+    return minimize(likelihood, best, method="L-BFGS-B", jac=True, bounds=bounds, options=options).x
+
+
+@dataclass(frozen=True)
+class NegativeLogLikelihood:
+    """Minus the log marginal likelihood of standardised values (Rasmussen & Williams 2006, eqs. 5.8 and 5.9).
+
+    What does not change with the hyperparameters is computed once: the climb takes most of the time of a fit.
+
+    Parameters
+    ----------
+    values : (n,)
+    squares : (n * n, dim) squared differences of the points along each axis
+    held : (n, n) covariance of the trend and of the values' known variances
+    """
+
+    values: np.ndarray
+    squares: np.ndarray
+    held: np.ndarray
+
+    @classmethod
+    def of(cls, points: np.ndarray, values: np.ndarray, trend: Trend, variances: np.ndarray) -> Self:
+        """Return that of values (n,) with their variances (n,) at points (n, dim)."""
+        squares = (points[:, None] - points[None]) ** 2
+        return cls(values, squares.reshape(-1, points.shape[1]), PolynomialTrend(trend)(points) + np.diag(variances))
+
+    def __call__(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value and gradient (2 + dim,) at the hyperparameters theta (2 + dim,), logarithms as in `_kernel`."""
+        number = len(self.values)
+        signal, precisions, noise = np.exp(theta[0]), np.exp(-2.0 * theta[1:-1]), np.exp(theta[-1])
+        distance = np.sqrt(5.0 * (self.squares @ precisions)).reshape(number, number)
+        falling = np.exp(-distance)
+        process = signal * (1.0 + distance + distance**2 / 3.0) * falling
+        try:
+            root = cholesky(process + noise * np.eye(number) + self.held, lower=True)
+        except np.linalg.LinAlgError:
+            return np.inf, np.zeros_like(theta)
+        weights, inverse = cho_solve((root, True), self.values), cho_solve((root, True), np.eye(number))
+        value = 0.5 * self.values @ weights + np.log(np.diag(root)).sum() + 0.5 * number * np.log(2.0 * np.pi)
+        outer = inverse - np.outer(weights, weights)
+        by_length = (outer * (signal * 5.0 / 3.0 * (1.0 + distance) * falling)).ravel() @ self.squares * precisions
+        gradient = 0.5 * np.array([np.vdot(outer, process), *by_length, noise * np.trace(outer)])
+        return float(value), gradient
 
 
 def _root(covariance: np.ndarray, scale: float) -> np.ndarray:

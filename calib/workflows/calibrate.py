@@ -11,9 +11,6 @@ from typing import Any
 import xarray as xr
 
 from calib.confidence import Confidence, around_best, describe_near_optimal
-from calib.confidence.window.artifacts import read_drawn_window
-from calib.diagnosis import artifacts
-from calib.diagnosis.discovery.artifacts import read_discovery
 from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.pool import Failure, in_order
@@ -309,11 +306,11 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
         else:
             records[name] = failed(study.model.bodies, answer.status, answer.reason)
     shown = replace(study, objective=Objective(known, study.objective.terms))
-    diagnosis, motions = artifacts.read(folder), artifacts.read_motions(folder)
+    findings = stored.stored_findings(folder)
     page = render(
-        shown, calibrated.trials, records, calibrated.result, f"calib run {file.path}", calibrated.header, diagnosis,
-        motions, study.jobs, stored.base_study(file), read_discovery(folder),
-        *stored.stored_confidence(folder), read_drawn_window(folder),
+        shown, calibrated.trials, records, calibrated.result, f"calib run {file.path}", calibrated.header,
+        findings.diagnosis, findings.motions, study.jobs, stored.base_study(file), findings.discovery,
+        findings.confidence, findings.predictions, findings.window, findings.left_out,
     )  # fmt: skip
     path = folder / "report.html"
     with whole(path) as temporary:

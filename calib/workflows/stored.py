@@ -1,15 +1,22 @@
 """What studies have left in their folders, read without simulator, effects and optimiser."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import xarray as xr
 
 from calib.confidence.artifacts import read_confidence
 from calib.confidence.bands import read_bands
 from calib.confidence.document import ConfidenceResult
+from calib.confidence.window.artifacts import read_drawn_window
+from calib.confidence.window.document import WindowResult
+from calib.diagnosis import artifacts
+from calib.diagnosis.discovery.artifacts import read_discovery
+from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.diagnosis.document import DiagnosisResult
 from calib.errors import CalibError
 from calib.report.pages.base_study import BaseStudy
 from calib.store import Trial
@@ -17,6 +24,8 @@ from calib.store.record_files import best_records
 from calib.study import CalibrationResult, CalibrationStudy, Evaluation, ModelSummary, SearchEnd, result
 from calib.study_file import StudyFile, base_path, extended_part, load, located, results_folder
 from calib.workflows.evaluations import held_out_references
+
+T = TypeVar("T")
 
 
 def stored_study(
@@ -95,18 +104,51 @@ def end_of_search(folder: Path) -> SearchEnd | None:
     return SearchEnd(ended.trials, ended.searched_best, ended.stopped, ended.agreement)
 
 
-def stored_confidence(folder: Path) -> tuple[ConfidenceResult | None, Mapping[str, xr.Dataset], str]:
-    """What the confidence.json of a folder says, its predictions, and why one of them is left out; "" where none is."""
-    try:
-        confidence = read_confidence(folder)
-    except CalibError as error:
-        return None, {}, str(error)
-    if confidence is None or confidence.posterior is None:
-        return confidence, {}, ""
-    try:
-        return confidence, read_bands(folder), ""
-    except CalibError as error:
-        return confidence, {}, str(error)
+@dataclass(frozen=True)
+class StoredFindings:
+    """What other commands have left beside a calibration; None, or empty, where they left nothing that can be read.
+
+    Attributes
+    ----------
+    diagnosis, motions : of diagnosis.json and diagnosis.nc
+    discovery : of discovery.json
+    confidence, predictions : of confidence.json, and bands of predicted records by name
+    window : of window.json and window.nc
+    left_out : a sentence for each file that cannot be shown, without its full stop
+    """
+
+    diagnosis: DiagnosisResult | None
+    motions: Mapping[str, xr.Dataset]
+    discovery: DiscoveryResult | None
+    confidence: ConfidenceResult | None
+    predictions: Mapping[str, xr.Dataset]
+    window: tuple[WindowResult, xr.Dataset] | None
+    left_out: tuple[str, ...]
+
+
+def stored_findings(folder: Path) -> StoredFindings:
+    """Read what stands in a folder beside a calibration; a file that cannot be read is left out, and said."""
+    problems: list[str] = []
+
+    def readable(read: Callable[[Path], T], instead: T) -> T:
+        try:
+            return read(folder)
+        except CalibError as error:
+            problems.append(str(error))
+            return instead
+
+    diagnosis = readable(artifacts.read, None)
+    confidence = readable(read_confidence, None)
+    sampled = confidence is not None and confidence.posterior is not None
+    return StoredFindings(
+        diagnosis=diagnosis,
+        motions={} if diagnosis is None else readable(artifacts.read_motions, {}),
+        discovery=readable(read_discovery, None),
+        confidence=confidence,
+        predictions=readable(read_bands, {}) if sampled else {},
+        window=readable(read_drawn_window, None),
+        left_out=tuple(problems),
+    )
 
 
 def base_study(file: StudyFile) -> BaseStudy | None:

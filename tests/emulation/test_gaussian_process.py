@@ -4,9 +4,11 @@ import sys
 import numpy as np
 import pytest
 from scipy.stats import qmc
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-from calib.emulation.gaussian_process import fit
-from calib.emulation.trend import Trend
+from calib.emulation.gaussian_process import NegativeLogLikelihood, fit
+from calib.emulation.trend import PolynomialTrend, Trend
 from calib.errors import CalibError
 
 
@@ -48,6 +50,30 @@ def test_noise_is_told_from_the_quantity():
     assert np.sqrt(np.mean((emulator.predict(apart).mean[:, 0] - waves(apart)[:, 0]) ** 2)) < 0.05
 
 
+def test_values_of_large_known_variance_weigh_little():
+    """A point in four is off by as much as its variance says: the others tell the quantity."""
+    points = sobol(128)
+    variances = np.where(np.arange(128) % 4 == 0, 1.0, 0.0)
+    values = waves(points)[:, 0] + np.sqrt(variances) * np.random.default_rng(3).standard_normal(128)
+    apart = sobol(256, seed=1)
+    error = fit(points, values, variances=variances).predict(apart).mean[:, 0] - waves(apart)[:, 0]
+    assert np.sqrt(np.mean(error**2)) < 0.02
+    assert np.sqrt(np.mean((fit(points, values).predict(apart).mean[:, 0] - waves(apart)[:, 0]) ** 2)) > 0.1
+
+
+@pytest.mark.parametrize("trend", list(Trend))
+def test_the_likelihood_and_its_gradient_are_those_of_scikit_learn(trend):
+    points, theta = sobol(32), np.log([1.3, 0.4, 0.9, 2.0, 1e-3])
+    values = waves(points)[:, 0] - waves(points)[:, 0].mean()
+    kernel = ConstantKernel(1.0) * Matern(np.ones(3), nu=2.5) + WhiteKernel(1.0) + PolynomialTrend(trend)
+    variances = np.linspace(0.01, 0.1, 32)
+    regressor = GaussianProcessRegressor(kernel, optimizer=None, alpha=variances).fit(points, values)
+    expected, slope = regressor.log_marginal_likelihood(theta, eval_gradient=True)
+    value, gradient = NegativeLogLikelihood.of(points, values, trend, variances)(theta)
+    assert value == pytest.approx(-expected, rel=1e-9)
+    np.testing.assert_allclose(gradient, -slope, rtol=1e-6)
+
+
 def test_a_parameter_without_influence_has_a_long_correlation():
     lengths = fit(sobol(64), waves(sobol(64))).lengths
     assert lengths[1, 0] > 10 * lengths[1, 2]
@@ -75,7 +101,7 @@ def test_leave_one_out_is_what_leaving_one_out_gives():
     left_out = fit(points[other[:8]], values[other[:8]], Trend.CONSTANT)
     left_out = type(emulator)(
         points[other[:8]], values[other[:8]], Trend.CONSTANT, emulator.centre, emulator.scale,
-        emulator.hyperparameters, left_out._regressors,
+        emulator.hyperparameters, emulator.variances[other[:8]], left_out._regressors,
     ).extended(points[other[8:]], values[other[8:]])  # fmt: skip
     predicted = left_out.predict(points[5:6])
     residuals = emulator.leave_one_out()

@@ -174,16 +174,6 @@ def test_an_open_end_is_called_open():
     assert "gain = 0.8: open .. 0.9" in repr(profiled)
 
 
-def test_a_damaged_file_of_profiles_is_left_out_of_the_report(profiled, tmp_path):
-    folder = tmp_path / "echo"
-    shutil.copytree(profiled[0], folder)
-    (folder / "out" / "confidence.json").write_text("{")
-    calib("report", folder)
-    page = " ".join((folder / "out" / "report.html").read_text().split())
-    assert "<strong>Left out:</strong>" in page
-    assert "holds no profiles" in page
-
-
 def test_points_belong_to_the_calibrated_values(profiled, tmp_path):
     folder = tmp_path / "echo"
     shutil.copytree(profiled[0], folder)

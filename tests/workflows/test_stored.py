@@ -94,3 +94,38 @@ def test_a_study_that_has_gone_on_since_its_result_is_evaluated_anew(finished, t
     path.write_text("".join(path.read_text().splitlines(keepends=True)[:9]))  # it has no longer the best trial
     calib(folder, "report")
     assert "not finished" in (folder / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("diagnosis.json", "{", "holds no diagnosis"),
+        ("diagnosis.json", '{"verdict": 3}', "holds no diagnosis"),
+        ("discovery.json", "[]", "holds no force law"),
+        ("confidence.json", "{", "holds no profiles"),
+        ("window.json", "{", "holds no window"),
+        ("window.json", '{"name": "echo"}', "holds no window"),
+    ],
+)
+def test_a_damaged_file_beside_the_calibration_is_left_out_of_the_report_and_named(
+    finished, tmp_path, name, content, told
+):
+    folder = tmp_path / "copy"
+    shutil.copytree(finished, folder)
+    (folder / "out" / name).write_text(content)
+    calib(folder, "report")
+    page = " ".join((folder / "out" / "report.html").read_text().split())
+    assert "<strong>Left out:</strong>" in page
+    assert told in page.partition("<strong>Left out:</strong>")[2].partition("</div>")[0]
+    assert name in page
+
+
+def test_a_window_whose_arrays_are_damaged_is_left_out_of_the_report(finished, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(finished, folder)
+    calib(folder, "window", "--budget", "17", "-q")
+    whole = (folder / "out" / "window.nc").read_bytes()
+    (folder / "out" / "window.nc").write_bytes(whole[: len(whole) // 2])
+    calib(folder, "report")
+    page = (folder / "out" / "report.html").read_text()
+    assert "window.nc: not a readable netCDF file" in page.partition("<strong>Left out:</strong>")[2]

@@ -18,6 +18,7 @@ MAX_INFLATION = 3.0  # of stated standard deviations  [1]
 MIN_MARGIN_POINTS = 4  # of which a margin is emulated
 POINTS_A_COEFFICIENT = 3  # of a trend
 MIN_CHECKED_POINTS = 8  # near a boundary, from which stated errors are checked
+POWERS = (0.0, 0.5, 1.0)  # of the power transformation of a misfit's margin  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,18 +28,20 @@ class EmulatedMargin:
     Attributes
     ----------
     label : what bounds the window where the margin is zero
-    process : emulator
+    process : emulator of the transformed margin
     of_kind : whether the kind of motion changes where it is zero
     inflation : of its standard deviations, by the residuals of the points near the boundary left out one at a time
+    power : of the transformation (see `transformed`)
     """
 
     label: str
     process: GaussianProcess
     of_kind: bool
     inflation: float
+    power: float = 0.0
 
     def predicted(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation (m,) of the margin at points (m, dim)."""
+        """Mean and standard deviation (m,) of the transformed margin at points (m, dim)."""
         emulated = self.process.predict(points)
         return emulated.mean[:, 0], np.maximum(self.inflation * emulated.std[:, 0], MIN_STD)
 
@@ -107,10 +110,9 @@ def emulated(observed: Observed, held: Region | None = None) -> Region | None:
         used, own = observed.right | unexplained, known.get(KIND_MARGIN)
         points, right = observed.points[used], observed.right[used]
         if own is None:
-            own = _emulated_margin(KIND_MARGIN, True, points, signed_distances(points, right))
+            own = _kind_margin(points, right)
         if own is not None:
-            signed = signed_distances(points, right, own.process.lengths[0])
-            own = _emulated_margin(KIND_MARGIN, True, points, signed, None if KIND_MARGIN not in known else own)
+            own = _kind_margin(points, right, own.process.lengths[0], known.get(KIND_MARGIN))
         region = Region((*region.margins, *([] if own is None else [own])))
     return region if region.margins else None
 
@@ -130,8 +132,6 @@ def _explaining(margins: Sequence[EmulatedMargin], wrong: np.ndarray) -> tuple[E
 def signed_distances(points: np.ndarray, right: np.ndarray, lengths: np.ndarray | None = None) -> np.ndarray:
     """Half the distance (n,) of points (n, dim) from the nearest one of the other label, negative where wrong.
 
-    It is the margin of a kind of which nothing is known but the label: its zero lies midway between the kinds.
-
     Parameters
     ----------
     lengths : (dim,) in which distances along each axis are measured, but for their geometric mean; None: equal ones
@@ -143,38 +143,80 @@ def signed_distances(points: np.ndarray, right: np.ndarray, lengths: np.ndarray 
     return signed
 
 
+def transformed(margins: np.ndarray, power: float) -> np.ndarray:
+    """Margins after the power transformation (1 - exp(-power margin)) / power; of power 0 they are as they were.
+
+    It keeps zero, sign and slope at zero. It is Box & Cox's (1964, J. R. Stat. Soc. B 26, 211) of (1 + r^2) / 2, whose
+    negative logarithm the margin of a misfit r is: power 1 gives (1 - r^2) / 2, a quadratic wherever the residuals are
+    linear in the parameters; power 0 lets far points weigh less, where these are not.
+    """
+    return -np.expm1(-power * margins) / power if power else margins
+
+
 def _emulated_margin(
-    label: str, of_kind: bool, points: np.ndarray, values: np.ndarray, held: EmulatedMargin | None = None
+    label: str,
+    of_kind: bool,
+    points: np.ndarray,
+    values: np.ndarray,
+    held: EmulatedMargin | None = None,
+    variances: np.ndarray | None = None,
 ) -> EmulatedMargin | None:
-    """Emulate a margin with the trend that predicts left-out points best; None where the points are too few."""
+    """Emulate a margin with the trend and the power that predict left-out points best; None where there are too few."""
     if len(points) < MIN_MARGIN_POINTS:
         return None
+    near = _near_boundary(values)
     if held is not None:
-        process = held.process.given(points, values[:, None])
+        process, power = held.process.given(points, transformed(values, held.power)[:, None], variances), held.power
     else:
-        fits = [fit(points, values, Trend.CONSTANT)]
-        for trend in (Trend.LINEAR, Trend.QUADRATIC):
-            if len(points) >= POINTS_A_COEFFICIENT * monomials_of_trend(points[:1], trend).shape[1]:
-                fits.append(fit(points, values, trend, start=fits[0]))
-        process = max(fits, key=_predictive_density)
-    return EmulatedMargin(label, process, of_kind, _inflation(process))
+        fits = [
+            (process, power)
+            for power in ((0.0,) if of_kind else POWERS)
+            for process in _fits(points, transformed(values, power), variances)
+        ]
+        process, power = max(fits, key=lambda own: _predictive_density(own[0], near) - own[1] * values[near].mean())
+    return EmulatedMargin(label, process, of_kind, _inflation(process, near), power)
 
 
-def _predictive_density(process: GaussianProcess) -> float:
-    """Mean logarithm of the predictive density of points near the boundary, left out one at a time."""
-    left_out, near = process.leave_one_out(), _near_boundary(process)
+def _kind_margin(
+    points: np.ndarray, right: np.ndarray, lengths: np.ndarray | None = None, held: EmulatedMargin | None = None
+) -> EmulatedMargin | None:
+    """Margin of a kind of which nothing is known but the label: the signed distance from where it changes.
+
+    A change lies anywhere on the way to the nearest point of the other kind, evenly so: its distance is half that way,
+    with a variance of a third of the square of this half. Close pairs tell the boundary, others little.
+    """
+    signed = signed_distances(points, right, lengths)
+    return _emulated_margin(KIND_MARGIN, True, points, signed, held, signed**2 / 3.0)
+
+
+def _fits(points: np.ndarray, values: np.ndarray, variances: np.ndarray | None) -> list[GaussianProcess]:
+    """Emulators with each trend that the points suffice for."""
+    fits = [fit(points, values, Trend.CONSTANT, variances=variances)]
+    for trend in (Trend.LINEAR, Trend.QUADRATIC):
+        if len(points) >= POINTS_A_COEFFICIENT * monomials_of_trend(points[:1], trend).shape[1]:
+            fits.append(fit(points, values, trend, fits[0], variances))
+    return fits
+
+
+def _predictive_density(process: GaussianProcess, near: np.ndarray) -> float:
+    """Mean logarithm of the predictive density of the points `near` the boundary, left out one at a time.
+
+    Of a transformed value; that of the margin itself has the logarithm of the transformation's slope, minus power times
+    margin, beside it.
+    """
+    left_out = process.leave_one_out()
     residuals, std = left_out.residuals[near, 0], left_out.std[near, 0]
     return float(np.mean(-np.log(std) - 0.5 * (residuals / std) ** 2))
 
 
-def _inflation(process: GaussianProcess) -> float:
-    """Root mean square of the standardised residuals of points near the boundary, at least 1."""
-    left_out, near = process.leave_one_out(), _near_boundary(process)
+def _inflation(process: GaussianProcess, near: np.ndarray) -> float:
+    """Root mean square of the standardised residuals of the points `near` the boundary, at least 1."""
+    left_out = process.leave_one_out()
     z = left_out.residuals[near, 0] / left_out.std[near, 0]
     return float(np.clip(np.sqrt(np.mean(z**2)), 1.0, MAX_INFLATION))
 
 
-def _near_boundary(process: GaussianProcess) -> np.ndarray:
+def _near_boundary(margins: np.ndarray) -> np.ndarray:
     """Which points (n,) are near the boundary: all, where these are few."""
-    near = np.abs(process.values[:, 0]) < NEAR_BOUNDARY * process.scale[0]
+    near = np.abs(margins) < NEAR_BOUNDARY * margins.std()
     return near if near.sum() >= MIN_CHECKED_POINTS else np.ones(len(near), dtype=bool)

@@ -53,8 +53,8 @@ def render(
     discovery: DiscoveryResult | None = None,
     confidence: ConfidenceResult | None = None,
     predictions: Mapping[str, xr.Dataset] | None = None,
-    confidence_problem: str = "",
     window: tuple[WindowResult, xr.Dataset] | None = None,
+    left_out: Sequence[str] = (),
 ) -> str:
     """HTML of the report, self-contained.
 
@@ -67,7 +67,8 @@ def render(
     diagnosis, discovery, confidence, window : None where there was none; of the window document and arrays
     motions, jobs : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`); processes that draw figures
     base : the study that this one extends; None where it extends none, or none is known
-    predictions, confidence_problem : bands of predicted records by name; why something cannot be shown, or ""
+    predictions : bands of predicted records by name
+    left_out : why something cannot be shown, a sentence each without its full stop
     """
     illustrated = {
         **_record_sections(study, records, result, base),
@@ -84,7 +85,7 @@ def render(
         result=result,
         verdict=verdict(result),
         base_points=base_points(base),
-        confidence_problem=confidence_problem,
+        left_out=left_out,
         warnings=_warnings(study),
         terms=tables.terms(study, result),
         parameters=tables.parameters(study, result),

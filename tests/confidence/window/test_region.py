@@ -74,8 +74,9 @@ def test_stated_misclassification_is_as_large_as_it_is(drawn):
 
 
 def test_points_are_chosen_near_the_boundary(drawn):
+    """In the first batch: after it this boundary is known to a thousandth."""
     _, observed, _ = drawn
-    chosen = observed.points[start_points(2) :]
+    chosen = observed.points[start_points(2) :][:8]
     near = np.abs(np.linalg.norm(chosen - CENTRE, axis=1) - RADIUS) < 0.12
     assert near.mean() > 0.6
 

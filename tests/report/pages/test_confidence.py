@@ -142,7 +142,7 @@ def test_models_are_compared_by_their_evidence(periodic, undrawn):
 
 
 def test_what_cannot_be_shown_is_said(periodic, undrawn):
-    page = words(render(periodic.study, [], {}, CALIBRATED, confidence_problem="confidence.json holds no profiles"))
+    page = words(render(periodic.study, [], {}, CALIBRATED, left_out=("confidence.json holds no profiles",)))
     assert "Left out: confidence.json holds no profiles." in page
 
 
