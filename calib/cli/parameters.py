@@ -55,6 +55,8 @@ def sensitivity(study: Path, **options: Any) -> None:
 @click.option("--tolerance", "-t", multiple=True, metavar="[TERM=]VALUE",
               help="Largest distance of an admissible point, of a term or of each. [default: 0.05, or the square root "
               "of 2 times the calibrated distance where that is more]")  # fmt: skip
+@click.option("--exact", is_flag=True, help="Follow grazing, fold and flip curves over every slice, and say how far "
+              "the emulated boundary is from them. Needs a simulator with a period map.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), help="Of points and draws. [default: the study's]")
 @JOBS
 @POOL

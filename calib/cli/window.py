@@ -12,7 +12,15 @@ from calib.cli.options import pool_table
 from calib.cli.status import folder_of
 from calib.confidence.window.artifacts import WINDOW_DATA
 from calib.confidence.window.document import WINDOW_FILE, WindowResult
-from calib.confidence.window.words import alone, bounds, mechanisms_in_words, percent, share_in_words, together
+from calib.confidence.window.words import (
+    alone,
+    bounds,
+    exact_in_words,
+    mechanisms_in_words,
+    percent,
+    share_in_words,
+    together,
+)
 from calib.errors import CalibError
 from calib.execution.progress import Count
 from calib.workflows.window import ALL_TERMS, WINDOW_PICTURE, window_study
@@ -27,15 +35,16 @@ def print_window(
     jobs: int | None,
     pool: str | None,
     fresh: bool,
+    exact: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
     """Evaluate the points, and print where the window is."""
     silent = quiet or as_json
-    with Count("points", silent) as count:
+    with Count("points", silent) as count, Count("slices continued", silent) as slices:
         result = window_study(
             study, out, budget=budget, tolerance=dict(map(tolerance_of, tolerance)), seed=seed, jobs=jobs,
-            pool=pool_table(pool), fresh=fresh, on_point=count,
+            pool=pool_table(pool), fresh=fresh, exact=exact, on_point=count, on_slice=slices,
             on_note=lambda text: None if silent else click.echo(text, err=True),
         )  # fmt: skip
     if as_json:
@@ -78,6 +87,8 @@ def show(result: WindowResult, folder: Path, console: Console) -> None:
         if result.ellipsoid is not None:
             text += f", the largest ellipsoid {percent(result.ellipsoid.share)}"
         console.print(text, soft_wrap=True)
+    for line in map(exact_in_words, result.exact):
+        console.print(escape(line), soft_wrap=True)
     for failure in result.failures:
         console.print(f"{failure.trials} points ended as {failure.status}: {escape(failure.reason)}", soft_wrap=True)
     for remark in result.remarks:

@@ -433,13 +433,14 @@ class Calibration:
 
     def window(
         self, *, budget: int = DEFAULT_BUDGET, tolerance: Mapping[str, float] | None = None, seed: int | None = None,
-        jobs: int | None = None, fresh: bool = False, quiet: bool = False,
+        jobs: int | None = None, fresh: bool = False, exact: bool = False, quiet: bool = False,
     ) -> AdmissibleWindow:  # fmt: skip
         """Where the model behaves as was measured: `calib window`, with its arguments."""
-        with Count("points", quiet) as count:
+        with Count("points", quiet) as count, Count("slices continued", quiet) as slices:
             summary = window_study(
-                self.path, budget=budget, tolerance=tolerance, seed=seed, jobs=jobs, fresh=fresh, on_point=count
-            )
+                self.path, budget=budget, tolerance=tolerance, seed=seed, jobs=jobs, fresh=fresh, exact=exact,
+                on_point=count, on_slice=slices,
+            )  # fmt: skip
         return AdmissibleWindow(summary, self.folder)
 
     def __repr__(self) -> str:

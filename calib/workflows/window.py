@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from calib.confidence.window.artifacts import WINDOW_DATA
 from calib.confidence.window.dataset import window_dataset
 from calib.confidence.window.design import start_points
 from calib.confidence.window.document import WindowResult, write_window
+from calib.confidence.window.exact import checked_faces, exact_curves, with_curves
 from calib.confidence.window.margins import default_tolerance
 from calib.confidence.window.motion import WindowEvaluation
 from calib.confidence.window.run import explored
@@ -44,8 +46,10 @@ def window_study(
     jobs: int | None = None,
     pool: Mapping[str, Any] | None = None,
     fresh: bool = False,
+    exact: bool = False,
     on_note: Callable[[str], None] = lambda text: None,
     on_point: Callable[[int, int], None] = lambda done, total: None,
+    on_slice: Callable[[int, int], None] = lambda done, total: None,
 ) -> WindowResult:
     """Draw the window in which a calibrated study's model behaves as was measured: `calib window` from Python.
 
@@ -64,7 +68,9 @@ def window_study(
     jobs : takes the place of the file's
     pool : keys of a [pool] table that takes the place of the file's
     fresh : forget the points evaluated so far
+    exact : follow grazing, fold and flip curves over every slice, and hold the emulated boundary against them
     on_note, on_point : told what is going to be simulated; the number of points that are done, and of all
+    on_slice : told the number of slices over which curves were followed, and of all
 
     Raises
     ------
@@ -89,14 +95,21 @@ def window_study(
     with threadpool_limits(1):
         result, region, sample, observed = analysed(study, trials, start, tolerances, seed, time.monotonic() - begin)
         dataset = window_dataset(study.space, list(result.units.values()), region, sample, observed, trials, start)
-    write_window(result, folder)
-    write_dataset(dataset, folder / WINDOW_DATA)
-    _draw(result, dataset, folder)
-    rebuild_file(file)
+    _write(result, dataset, folder)
+    try:
+        if exact:  # the window is kept, whatever becomes of the curves
+            curves, reasons = exact_curves(study, start, sample.low, sample.high, on_slice)
+            dataset, faces = with_curves(dataset, curves), checked_faces(dataset, curves, reasons)
+            result = replace(result, exact=faces, seconds=time.monotonic() - begin)
+            _write(result, dataset, folder)
+    finally:
+        rebuild_file(file)
     return result
 
 
-def _draw(result: WindowResult, dataset: xr.Dataset, folder: Path) -> None:
+def _write(result: WindowResult, dataset: xr.Dataset, folder: Path) -> None:
+    write_window(result, folder)
+    write_dataset(dataset, folder / WINDOW_DATA)
     with whole(folder / WINDOW_PICTURE) as temporary:
         temporary.write_bytes(png(window_figure(result, dataset)))
 

@@ -66,6 +66,26 @@ class KindShare:
 
 
 @dataclass(frozen=True)
+class ExactFaces:
+    """What continuation finds over the slice of two parameters, and how far the emulated boundary is from it.
+
+    Attributes
+    ----------
+    first, second : parameters; the others are at their calibrated values
+    kinds : of the curves: fold, flip, grazing
+    distance : largest one of the emulated boundary, where the kind of motion changes, from the nearest curve, in widths
+        of the study's windows  [1]; None where there is no such boundary or no curve
+    reason : why there is no curve, "" where there is one
+    """
+
+    first: str
+    second: str
+    kinds: tuple[str, ...]
+    distance: float | None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
 class WindowResult:
     """Where in the box of the parameters the model behaves as was measured; numbers in SI.
 
@@ -87,6 +107,7 @@ class WindowResult:
     kinds : of the evaluated points, the most frequent first
     failures : why simulations failed, the most frequent cause first
     remarks : what to mind, a sentence each, without its full stop
+    exact : each slice against continued curves; empty where these were not asked for
     seconds : wall-clock time of this run  [s]
     """
 
@@ -111,6 +132,7 @@ class WindowResult:
     kinds: tuple[KindShare, ...] = ()
     failures: tuple[FailureSummary, ...] = ()
     remarks: tuple[str, ...] = ()
+    exact: tuple[ExactFaces, ...] = ()
     seconds: float = 0.0
 
     @classmethod

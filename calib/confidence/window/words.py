@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from calib.confidence.window.document import WINDOW_END, ParameterTolerance, WindowResult
+from calib.confidence.window.document import WINDOW_END, ExactFaces, ParameterTolerance, WindowResult
 from calib.units import shown
 
 OPEN = "open"  # an end that the box of the study's windows bounds, and not the model
@@ -44,6 +44,20 @@ def bounds(own: ParameterTolerance) -> str:
         if mechanisms
     ]
     return "; ".join(sides)
+
+
+def exact_in_words(faces: ExactFaces) -> str:
+    """Say what was followed over a slice, and how far the emulated boundary is from it."""
+    where = f"over {faces.first} and {faces.second}"
+    if not faces.kinds:
+        return f"{where}: no curve ({faces.reason})"
+    curves = " and ".join(faces.kinds)
+    if faces.distance is None:
+        return f"{where}: {curves} followed; the window ends at neither of them in this slice"
+    return (
+        f"{where}: {curves} followed; the emulated boundary is at most {percent(faces.distance)} of the windows' width "
+        "from them where the kind of motion changes"
+    )
 
 
 def mechanisms_in_words(mechanisms: Mapping[str, float], most: int = 2) -> str:

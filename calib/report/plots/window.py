@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from calib.confidence.window.document import ParameterTolerance, WindowResult
+from calib.report.plots.continuation import SPECIAL, stability_line
 from calib.report.plots.style import FAILED, LINE, MARK, STYLE, Look, shown_unit
 
 WINDOW_PANEL = 1.45  # inch, side of a panel
@@ -47,7 +48,8 @@ def window_figure(result: WindowResult, dataset: xr.Dataset) -> Figure:
         title += f"{_percent(result.share_low)} to {_percent(result.share_high)} ({result.points} points)"
         figure.suptitle(title, x=0.1, ha="left", fontsize=10)
         figure.legend(
-            handles=_legend(causes), loc="upper left", bbox_to_anchor=(0.095, 0.965), ncols=3, fontsize=7.5,
+            handles=[*_legend(causes), *_exact_legend(dataset)],
+            loc="upper left", bbox_to_anchor=(0.095, 0.965), ncols=3, fontsize=7.5,
             borderpad=0.0, handlelength=1.4, columnspacing=1.2,
         )  # fmt: skip
     return figure
@@ -72,6 +74,11 @@ def _legend(causes: list[str]) -> list[Patch | Line2D]:
         ),
     ]
     return handles
+
+
+def _exact_legend(dataset: xr.Dataset) -> list[Line2D]:
+    kinds = sorted({kind for kind, _ in _exact_kinds(dataset)})
+    return [Line2D([], [], color=SPECIAL[kind][1], linewidth=1.5, label=f"{kind}, by continuation") for kind in kinds]
 
 
 def _pale(cause: int) -> tuple[float, float, float]:
@@ -100,6 +107,7 @@ def _draw_slice(
     outside = np.array([_pale(cause) for cause in range(len(causes))])[mechanism]
     colours = probability[..., None] * np.array(to_rgb(INSIDE_COLOUR)) + (1.0 - probability[..., None]) * outside
     axes.pcolormesh(x, y, colours, shading="nearest", rasterized=True)
+    _draw_exact(axes, result, dataset, pair, k)
     if probability.min() < 0.5 < probability.max():
         axes.contour(x, y, probability, levels=[0.5], colors=LINE, linewidths=1.2)
     if probability.min() < 0.05 and probability.max() > 0.95:
@@ -108,6 +116,23 @@ def _draw_slice(
     if None not in (one.together_low, one.together_high, other.together_low, other.together_high):
         _draw_box(axes, one, other, fx, fy)
     axes.plot(fx * one.value, fy * other.value, "+", color=MARK, markersize=8, markeredgewidth=1.6)
+
+
+def _draw_exact(axes: Axes, result: WindowResult, dataset: xr.Dataset, pair: tuple[int, int], k: int) -> None:
+    """Curves that continuation has followed over the slice, dashed where they bound no stable motion."""
+    for kind, curve in _exact_kinds(dataset):
+        if dataset.exact_pair.values[curve] != k:
+            continue
+        mine = dataset.exact_curve_of_step.values == curve
+        nodes, scaled = dataset.node_u.values, [_scaled(result, dataset, axis)[0] for axis in pair]
+        u = dataset.exact_u.values[mine]
+        x, y = (np.interp(u[:, side], nodes[axis], scaled[side]) for side, axis in enumerate(pair))
+        stability_line(axes, x, y, dataset.exact_bounding.values.astype(bool)[mine], SPECIAL[kind][1])
+
+
+def _exact_kinds(dataset: xr.Dataset) -> list[tuple[str, int]]:
+    """Kind and number of each curve; none where they were not asked for."""
+    return [] if "exact_kind" not in dataset else [(str(kind), k) for k, kind in enumerate(dataset.exact_kind.values)]
 
 
 def _draw_box(axes: Axes, one: ParameterTolerance, other: ParameterTolerance, fx: float, fy: float) -> None:
