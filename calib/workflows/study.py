@@ -437,10 +437,8 @@ class Calibration:
     ) -> AdmissibleWindow:  # fmt: skip
         """Where the model behaves as was measured: `calib window`, with its arguments."""
         with Count("points", quiet) as count, Count("slices continued", quiet) as slices:
-            summary = window_study(
-                self.path, budget=budget, tolerance=tolerance, seed=seed, jobs=jobs, fresh=fresh, exact=exact,
-                on_point=count, on_slice=slices,
-            )  # fmt: skip
+            summary = window_study(self.path, budget=budget, tolerance=tolerance, seed=seed, jobs=jobs, fresh=fresh,
+                                   exact=exact, on_point=count, on_slice=slices)  # fmt: skip
         return AdmissibleWindow(summary, self.folder)
 
     def __repr__(self) -> str:
