@@ -115,6 +115,18 @@ def test_a_killed_window_ends_in_the_same_points(windowed, tmp_path):
     )
 
 
+def test_curves_that_cannot_be_followed_are_said_and_leave_the_window_as_it_is(windowed, tmp_path):
+    folder = tmp_path / "echo"
+    shutil.copytree(windowed[0], folder)
+    printed = calib("window", folder, "--budget", BUDGET, "--tolerance", TOLERANCE, "--exact").output
+    before, result = read_window(windowed[0] / "out"), read_window(folder / "out")
+    assert result.share == before.share
+    assert before.exact == ()
+    assert [(own.first, own.second, own.kinds) for own in result.exact] == [("gain", "harmonic", ())]
+    assert "over gain and harmonic: no curve" in printed
+    assert "period map" in result.exact[0].reason
+
+
 def test_python_has_it_too(windowed):
     folder, _ = windowed
     found = Calibration(folder / "study.toml").window(budget=BUDGET, tolerance={"": TOLERANCE}, quiet=True)

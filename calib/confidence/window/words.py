@@ -53,7 +53,7 @@ def exact_in_words(faces: ExactFaces) -> str:
         return f"{where}: no curve ({faces.reason})"
     curves = " and ".join(faces.kinds)
     if faces.distance is None:
-        return f"{where}: {curves} followed; the window ends at neither of them in this slice"
+        return f"{where}: {curves} followed; the window ends at none of them in this slice"
     return (
         f"{where}: {curves} followed; the emulated boundary is at most {percent(faces.distance)} of the windows' width "
         "from them where the kind of motion changes"
