@@ -112,6 +112,7 @@ def run(
 @OUT
 @click.option("--pairs", multiple=True, metavar="A,B", help="Two parameters to profile together, or all; repeatable.")
 @click.option("--posterior", is_flag=True, help="Sample the posterior distribution too; needs calib[confidence].")
+@click.option("--only-posterior", is_flag=True, help="Sample the posterior distribution, without profiles.")
 @click.option(
     "--sample-nuisances", is_flag=True, help="Of the posterior distribution: sample scale, shear and offset too."
 )

@@ -29,6 +29,7 @@ def print_confidence(
     study: Path,
     out: Path | None,
     pairs: tuple[str, ...],
+    only_posterior: bool,
     posterior: bool,
     sample_nuisances: bool,
     compare: tuple[Path, ...],
@@ -47,6 +48,7 @@ def print_confidence(
                 study,
                 out,
                 pairs=together,
+                only_posterior=only_posterior,
                 posterior=posterior,
                 sample_nuisances=sample_nuisances,
                 compare=compare,
@@ -58,7 +60,12 @@ def print_confidence(
     except KeyboardInterrupt:
         given: list[tuple[str, object]] = [("--out", out), ("--jobs", jobs), ("--pool", pool)]
         given += [("--pairs", text) for text in pairs] + [("--compare", other) for other in compare]
-        flags = [name for name, on in (("--posterior", posterior), ("--sample-nuisances", sample_nuisances)) if on]
+        switches = {
+            "--only-posterior": only_posterior,
+            "--posterior": posterior,
+            "--sample-nuisances": sample_nuisances,
+        }
+        flags = [name for name, on in switches.items() if on]
         stated = [str(part) for pair in given if pair[1] for part in pair]
         again = shlex.join(["calib", "confidence", str(study), *flags, *stated])
         click.echo(f"\nstopped; every finished point is kept. Go on with:  {again}", err=True)
@@ -71,14 +78,15 @@ def print_confidence(
 
 def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
     """Print the intervals beside the local ones, how they differ and why, remarks, and where the files are."""
-    console.print(_intervals(result))
+    if result.profiles:
+        console.print(_intervals(result))
     for profile in result.profiles:
         console.print(f"{escape(profile.name)}: {escape(profile.text)}", soft_wrap=True)
     for remark in result.remarks:
         console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
     console.print(escape(result.noise), soft_wrap=True)
     console.print(f"{result.evaluations} evaluations")
-    names = [CONFIDENCE, CONFIDENCE_PICTURE, "report.html"]
+    names = [CONFIDENCE, *([CONFIDENCE_PICTURE] if result.profiles else []), "report.html"]
     if result.posterior is not None:
         own = result.posterior
         console.print(_marginals(result, own))

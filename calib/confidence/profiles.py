@@ -137,6 +137,11 @@ def profiles(
     return Profiles(centre, analysis, sides, points, ends, grids, centre.u - np.array(u, dtype=float), improved, better)
 
 
+def without_profiles(analysis: LocalAnalysis, centre: Centre, u: np.ndarray) -> Profiles:
+    """Best point near `u` (dim,) with its analysis, and no profile about it."""
+    return Profiles(centre, analysis, {}, {}, {}, (), centre.u - np.array(u, dtype=float), False, False)
+
+
 def best_about(
     evaluate: Evaluate,
     analyse: Callable[[np.ndarray], LocalAnalysis],

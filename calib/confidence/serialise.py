@@ -39,7 +39,7 @@ def confidence_result(
         calibrated={own: calibrated[own] for own in space.names},
         values={own: values[own] for own in space.names},
         kind=profiles.centre.kind,
-        profiles=tuple(_profile(own, space, units[own], profiles) for own in space.names),
+        profiles=tuple(_profile(own, space, units[own], profiles) for own in profiles.sides),
         pairs=tuple(_pair(space, units, profiles, k) for k in range(len(profiles.pairs))),
         remarks=tuple(_remarks(space, profiles)),
         evaluations=evaluations,

@@ -8,12 +8,13 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from calib.confidence import profiled
+from calib.confidence import fitted, profiled
 from calib.confidence.artifacts import write_confidence
 from calib.confidence.document import ConfidenceResult
 from calib.confidence.instrument import unused_uncertainties
 from calib.confidence.notes import NOTES, PointNotes
 from calib.confidence.posterior import expected_evaluations
+from calib.confidence.profiles import without_profiles
 from calib.confidence.sampler_package import nautilus
 from calib.confidence.serialise import confidence_result
 from calib.errors import CalibError, nearest
@@ -53,6 +54,7 @@ def confidence_study(
     out: str | Path | None = None,
     *,
     pairs: Sequence[tuple[str, str]] | str = (),
+    only_posterior: bool = False,
     posterior: bool = False,
     sample_nuisances: bool = False,
     compare: Sequence[str | Path] = (),
@@ -74,6 +76,7 @@ def confidence_study(
     path : study file, or a folder with a study.toml; `calib run` must have found values
     out : folder of the results; None: the study's
     pairs : of parameters that are profiled together; "all" for every pair
+    only_posterior : whether the posterior distribution is sampled without profiles
     posterior : whether the posterior distribution of the parameters is sampled too
     sample_nuisances : whether it is sampled over scale, shear and offset too; see `calib.confidence.instrument`
     compare : files of calibrated studies of the same records with other models, whose evidence is compared
@@ -88,6 +91,9 @@ def confidence_study(
     CalibError : a mistake in the study file or the pairs, the study has not been calibrated, or the sampler is not
         installed
     """
+    if only_posterior and pairs:
+        raise CalibError("--pairs are profiles: leave them out, or give --posterior in place of --only-posterior")
+    posterior = posterior or only_posterior
     _check_sampling(posterior, sample_nuisances, compare)
     begin = time.monotonic()
     file = load(path, jobs=jobs, out=out, pool=pool)
@@ -102,7 +108,9 @@ def confidence_study(
         if fresh:
             for notes in (NOTES, NUISANCE_NOTES):
                 (folder / notes).unlink(missing_ok=True)
-        result = _found(file, values, chosen, posterior, sample_nuisances, others, on_stage, on_progress, begin)
+        result = _found(
+            file, values, chosen, not only_posterior, posterior, sample_nuisances, others, on_stage, on_progress, begin
+        )
     finally:
         lock.release()
     _write(result, folder)
@@ -157,6 +165,7 @@ def _found(
     file: StudyFile,
     values: Mapping[str, float],
     pairs: Sequence[tuple[str, str]],
+    profiling: bool,
     posterior: bool,
     nuisances: bool,
     others: Sequence[StudyFile],
@@ -174,9 +183,13 @@ def _found(
         PointNotes(folder / NOTES, identity_of_points(study, u)) as notes,
         Evaluations(file, folder, on_stage) as evaluations,
     ):
-        on_stage("profiles")
         pool = evaluations.calibrated(CONFIDENCE_STAGE)
-        profiles = profiled(study, pool, u, notes, pairs=pairs, on_progress=partial(progress, 0))
+        if profiling:
+            on_stage("profiles")
+            profiles = profiled(study, pool, u, notes, pairs=pairs, on_progress=partial(progress, 0))
+        else:
+            on_stage("best point")
+            profiles = without_profiles(*fitted(study, pool, u, notes), u)
         evaluated = notes.evaluations + profiles.analysis.confidence.evaluations
         result = confidence_result(study.name, study.space, units, profiles, evaluated, time.monotonic() - begin)
         own = OpenModel(file, evaluations, notes, profiles.analysis, profiles.centre)
@@ -193,5 +206,8 @@ def _found(
 
 def _write(result: ConfidenceResult, folder: Path) -> None:
     write_confidence(result, folder)
+    if not result.profiles:
+        (folder / CONFIDENCE_PICTURE).unlink(missing_ok=True)
+        return
     with whole(folder / CONFIDENCE_PICTURE) as temporary:
         temporary.write_bytes(png(profiles_figure(result)))

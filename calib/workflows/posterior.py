@@ -111,9 +111,9 @@ def with_nuisances(
 
 
 def with_earlier(result: ConfidenceResult, file: StudyFile, folder: Path) -> ConfidenceResult:
-    """Take over what an earlier run about the same best point has sampled, where its priors are the same.
+    """Take over what an earlier run about the same best point has profiled, and sampled where its priors are the same.
 
-    Where they cannot be, their files are removed: they would be of another result.
+    Where samples cannot be taken over, their files are removed: they would be of another result.
     """
     try:
         earlier = read_confidence(folder)
@@ -123,6 +123,8 @@ def with_earlier(result: ConfidenceResult, file: StudyFile, folder: Path) -> Con
     if earlier is None or dict(earlier.values) != dict(result.values):
         return without_earlier(result, folder)
     result = replace(result, comparison=result.comparison or earlier.comparison)
+    if not result.profiles:
+        result = replace(result, profiles=earlier.profiles, pairs=earlier.pairs)
     if result.posterior is not None or earlier.posterior is None:
         return without_earlier(result, folder)
     priors = {own.name: own.prior for own in earlier.posterior.parameters}

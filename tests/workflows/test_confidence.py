@@ -307,6 +307,34 @@ def test_random_kills_of_a_posterior_end_in_the_same_samples(profiled, tmp_path)
     assert (folders[0] / "out" / "ensemble.csv").read_bytes() == (folders[1] / "out" / "ensemble.csv").read_bytes()
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*ArviZ is undergoing a major refactor:FutureWarning")
+def test_a_posterior_distribution_alone_takes_no_profiles(calibrated, profiled, tmp_path, few_live_points):
+    folder = tmp_path / "echo"
+    shutil.copytree(calibrated, folder)
+    output = calib("confidence", folder, "--only-posterior").output
+    assert "by the profile" not in output
+    result = read_confidence(folder / "out")
+    assert result.profiles == ()
+    keys = re.findall(r'"key":"([^"]*)/', (folder / "out" / "confidence.jsonl").read_text())
+    assert set(keys) == {"0", "evaluation"}  # the best point, and those of the sampler
+    assert not (folder / "out" / "confidence.png").exists()
+    assert 'id="posterior"' in (folder / "out" / "report.html").read_text()
+    earlier = read_confidence(profiled[0] / "out")
+    for own, marginal in zip(earlier.profiles, result.posterior.parameters, strict=True):
+        assert marginal.mean == pytest.approx(own.value, abs=0.05 * (own.local[1] - own.local[0]))
+    calib("confidence", folder)
+    calib("confidence", folder, "--only-posterior", "-q")
+    both = read_confidence(folder / "out")
+    assert [own.name for own in both.profiles] == ["gain", "harmonic"]  # of the run before
+    assert both.posterior == result.posterior
+
+
+def test_a_posterior_distribution_alone_has_no_pairs(calibrated):
+    told = calib("confidence", calibrated, "--only-posterior", "--pairs", "all", code=1).output
+    assert "--pairs are profiles" in told
+
+
 HELD_OUT = """
 [[record]]
 name = "louder"

@@ -24,6 +24,7 @@ from calib.study import CalibrationStudy
 from calib.study.result import FailureSummary
 
 FINAL_POINTS = 1 << 14  # quasi-random ones of which shares and shapes are estimated
+FINAL_SPLIT_POINTS = 1 << 12  # the same, of a small part of the cube
 MIN_SHAPE_POINTS = 100  # of the window, from which its second moments are known
 STEP_OUTSIDE = 1e-3  # edges of the cube, beyond an end, where its cause is read
 MAX_RELATIVE_UNCERTAINTY = 0.05  # misclassified over admissible volume, above which more points are advised  [1]
@@ -50,7 +51,7 @@ def analysed(
             f"of {len(trials)} points {int(observed.right.sum())} are of the measured kind: too few to draw a window; "
             "raise --budget, or narrow the study's windows"
         )
-    sample = region_sample(region, observed.points[observed.admissible], seed, FINAL_POINTS)
+    sample = region_sample(region, observed.points[observed.admissible], seed, FINAL_POINTS, FINAL_SPLIT_POINTS)
     share = volume_share(region, sample, seed)
     inside = sample.points[sample.probability >= 0.5]
     box = largest_box(region, start)

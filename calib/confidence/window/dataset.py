@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 import xarray as xr
 
+from calib.confidence.window.margins import of_measured_kind
 from calib.confidence.window.observed import Observed
 from calib.confidence.window.region import Region
 from calib.confidence.window.sampling import RegionSample
@@ -48,7 +49,7 @@ def window_dataset(
         {
             "u": (("point", "parameter"), observed.points, {"units": "1"}),
             "value": (("point", "parameter"), _values(space, observed.points), {"units": "that of the parameter"}),
-            "of_measured_kind": ("point", observed.right),
+            "of_measured_kind": ("point", np.array([of_measured_kind(trial, trials[0]) for trial in trials])),
             "admissible": ("point", observed.admissible),
             "motion": ("point", np.array([(t.kind or "") if t.status == OK else t.status for t in trials], dtype=str)),
             "margin": (("point", "mechanism"), observed.margins, {"units": "1"}),

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calib.confidence.window.motion import CLEARANCE, CLOSING_SPEED, MULTIPLIER
+from calib.confidence.window.motion import CLEARANCE, CLOSEST_APPROACH, CLOSING_SPEED, MULTIPLIER
 from calib.confidence.window.observed import Observed, graded
 from calib.objective.objective import MAX_AGREEMENT_DISTANCE, MIN_COST_OF_WRONG_KIND
 from calib.records.cycles import NO_CONTACT
@@ -16,6 +16,7 @@ MECHANISMS = {  # quantity of a periodic motion -> what happens where its margin
     CLEARANCE: "grazing: an impact appears",
     CLOSING_SPEED: "grazing: an impact vanishes",
 }
+CONTACT_MARGIN = "grazing: the only contact begins or ends"
 FEWEST_SHOWN_SHARE = 0.5  # of the points of the measured kind that have to show a quantity of the motion  [1]
 
 
@@ -33,18 +34,27 @@ def of_measured_kind(trial: Trial, calibrated: Trial) -> bool:
 
     A measured record does not list its impacts: whether there is contact is known of simulations alone.
     """
-    right = trial.scored and trial.cost < MIN_COST_OF_WRONG_KIND
-    return right and (NO_CONTACT in (trial.kind or "")) == (NO_CONTACT in (calibrated.kind or ""))
+    return _periodic(trial) and (NO_CONTACT in (trial.kind or "")) == (NO_CONTACT in (calibrated.kind or ""))
+
+
+def _periodic(trial: Trial) -> bool:
+    """Whether the motion of a point has the measured period in all records, whatever its contact."""
+    return trial.scored and trial.cost < MIN_COST_OF_WRONG_KIND
 
 
 def observed_of(trials: Sequence[Trial], tolerances: Mapping[str, float]) -> Observed:
     """What trials tell of the window; the first one is the calibrated point.
 
+    Where each motion says how near it is to a contact that begins or ends, a motion without the calibrated one's
+    contact is no label but a negative margin, and its misfit is known as that of any other.
+
     Parameters
     ----------
     tolerances : term -> largest distance of an admissible point
     """
-    right = np.array([of_measured_kind(trial, trials[0]) for trial in trials])
+    wanted = np.array([of_measured_kind(trial, trials[0]) for trial in trials])
+    contact = np.array([_contact_margin(trial, trials[0]) for trial in trials])
+    right = wanted | np.array([_periodic(trial) for trial in trials]) & np.isfinite(contact)
     columns, labels, of_kind = list[np.ndarray](), list[str](), list[bool]()
     for label, tolerance in tolerances.items():
         distance = np.array([trial.terms.get(label, np.nan) for trial in trials])
@@ -52,13 +62,35 @@ def observed_of(trials: Sequence[Trial], tolerances: Mapping[str, float]) -> Obs
         labels.append(f"misfit of {label}")
         of_kind.append(False)
     for quantity, mechanism in MECHANISMS.items():
-        column = np.where(right, [_motion_margin(trial, quantity) for trial in trials], np.nan)
-        if np.isfinite(column).sum() >= max(FEWEST_SHOWN_SHARE * right.sum(), 1):
+        column = np.where(wanted, [_motion_margin(trial, quantity) for trial in trials], np.nan)
+        if np.isfinite(column).sum() >= max(FEWEST_SHOWN_SHARE * wanted.sum(), 1):
             columns.append(column)
             labels.append(mechanism)
             of_kind.append(True)
+    if (right & ~wanted).any():
+        columns.append(np.where(right, contact, np.nan))
+        labels.append(CONTACT_MARGIN)
+        of_kind.append(False)  # it is known on both sides
     points = np.array([trial.u for trial in trials], dtype=float)
     return Observed(points, right, np.column_stack(columns), tuple(labels), tuple(of_kind))
+
+
+def _contact_margin(trial: Trial, calibrated: Trial) -> float:
+    """Closest approach over the amplitude, the least of all records  [1]; NaN where one does not show it.
+
+    It is positive where there is contact as in the calibrated motion.
+    """
+    own, wanted = _closest_approach(trial), _closest_approach(calibrated)
+    if not wanted or not wanted.keys() <= own.keys():
+        return float("nan")
+    return min(float(np.copysign(own[record], own[record] * wanted[record])) for record in wanted)
+
+
+def _closest_approach(trial: Trial) -> dict[str, float]:
+    """Record -> closest approach of the motion over its amplitude  [1]."""
+    return {
+        one["record"]: one["simulated"] / one["tolerance"] for one in trial.features if one["label"] == CLOSEST_APPROACH
+    }
 
 
 def _motion_margin(trial: Trial, quantity: str) -> float:

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from calib.dynamics.orbits import Cycle, length_scale, shoot
 from calib.dynamics.tangent import knows_derivative
@@ -17,6 +18,7 @@ from calib.records import OK
 from calib.study import CalibrationStudy, Evaluation, evaluate
 
 MULTIPLIER, CLEARANCE, CLOSING_SPEED = "largest multiplier", "nearest miss", "slowest impact"  # what is measured
+CLOSEST_APPROACH = "closest approach"  # of the whole motion: clearance without contact, negative with it
 MAX_CYCLE_SETTLING_PERIODS = 400  # from rest, in which the motion has to come close to a periodic one
 SETTLING_CHUNK = 20  # periods between two looks
 SETTLED_DISTANCE = 1e-4  # in units of the map's scale: change of the state over one return
@@ -41,7 +43,10 @@ class WindowEvaluation:
         found = [
             feature
             for name in self.study.objective.scored
-            for feature in motion_features(self.study, self.study.objective, name, values)
+            for feature in (
+                *motion_features(self.study, self.study.objective, name, values),
+                *approach_features(self.study, name, evaluation.records[name], values),
+            )
         ]
         return replace(evaluation, features=[*evaluation.features, *found])
 
@@ -77,8 +82,58 @@ def motion_features(
     ]
 
 
+def approach_features(
+    study: CalibrationStudy, name: str, record: xr.Dataset, values: Mapping[str, float]
+) -> list[dict[str, Any]]:
+    """Closest approach of the stop in the simulated motion of the record `name`, beside the motion's amplitude.
+
+    Without contact it is the least clearance [m] over a period. With contact it is negative: minus the depth
+    v^2 / (2 omega^2 A) to which a relative motion of amplitude A and angular frequency omega would go on at the closing
+    speed v of the fastest impact, were there no stop. Both come to zero where the last impact grazes. Empty where the
+    record lists no impacts, the excitation is not harmonic, or a motion without contact cannot be followed by a period
+    map.
+    """
+    excitation = study.objective.references[name].excitation
+    if not excitation.harmonic or not {"impact_speed", "displacement"} <= set(record.variables):
+        return []
+    amplitude = 0.5 * float(np.ptp(record.variables["displacement"].values, axis=-1).max())
+    if not amplitude > 0.0:
+        return []
+    speeds = record.variables["impact_speed"].values
+    if speeds.size:
+        rate = 2.0 * np.pi * excitation.frequency
+        approach = -((float(speeds.max()) / rate) ** 2) / (2.0 * amplitude)
+    elif record.attrs.get("contact_fraction", 0.0) > 0.0:
+        return []
+    else:
+        approach = _least_clearance(study, name, values)
+    if not np.isfinite(approach):
+        return []
+    return [
+        asdict(FeatureValue(CLOSEST_APPROACH, name, "", "m", measured=0.0, simulated=approach, tolerance=amplitude))
+    ]
+
+
+def _least_clearance(study: CalibrationStudy, name: str, values: Mapping[str, float]) -> float:
+    """Least clearance [m] over a period of the motion from rest, once it has settled; inf where it is not known."""
+    reference = study.objective.references[name]
+    periods = int(study.objective.measured_periods.get(name) or 1)
+    try:
+        map = study.model.period_map(values_for(values, name), reference.excitation)
+    except (CalibError, ValueError):  # none is offered, or an effect is explicit in time
+        return float("inf")
+    state = settled_state(map, periods)
+    return float("inf") if state is None else float(map.near_misses(state).min(initial=np.inf))
+
+
 def settled_cycle(map: PeriodMap, periods: int) -> Cycle | None:
     """Periodic motion of so many periods that the map settles to from its initial state; None where it does not."""
+    state = settled_state(map, periods)
+    return None if state is None else shoot(map, state, periods)
+
+
+def settled_state(map: PeriodMap, periods: int) -> np.ndarray | None:
+    """State that returns after so many periods, to which the map settles from its initial one; None without one."""
     state = map.initial
     for _ in range(MAX_CYCLE_SETTLING_PERIODS // SETTLING_CHUNK):
         orbit = map.orbit(state, SETTLING_CHUNK)
@@ -86,5 +141,5 @@ def settled_cycle(map: PeriodMap, periods: int) -> Cycle | None:
             return None
         state = orbit.states[-1]
         if np.abs((orbit.states[-1 - periods] - state) / map.scale).max() < SETTLED_DISTANCE:
-            return shoot(map, state, periods)
+            return state
     return None

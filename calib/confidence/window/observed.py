@@ -17,7 +17,8 @@ class Observed:
     Attributes
     ----------
     points : (n, dim)
-    right : (n,) whether the motion is of the measured kind; false where the simulation failed
+    right : (n,) whether the motion is of the measured kind, or of one whose margins are known as well; false where the
+        simulation failed
     margins : (n, k)  [1]; NaN where unknown
     labels : (k,) what bounds the window where a margin is zero
     of_kind : (k,) whether the kind of motion changes where a margin is zero: there it is known on one side alone

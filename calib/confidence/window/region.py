@@ -74,6 +74,14 @@ class Region:
         """Probability (m,) that points (m, dim) are admissible."""
         return self.met(points).prod(axis=1)
 
+    def log_probability(self, points: np.ndarray) -> np.ndarray:
+        """Natural logarithm (m,) of the probability that points (m, dim) are admissible, finite far outside too."""
+        total = np.zeros(len(points))
+        for margin in self.margins:
+            mean, std = margin.predicted(points)
+            total += norm.logcdf(mean / std)
+        return total
+
     def kind(self, points: np.ndarray) -> np.ndarray:
         """Probability (m,) that the motion is of the measured kind at points (m, dim)."""
         met = self.met(points)

@@ -6,6 +6,7 @@ import numpy as np
 
 from calib.confidence.window.region import Region
 from calib.confidence.window.sampling import RegionSample
+from calib.confidence.window.subset import clustered_variance
 
 DRAWS = 200  # joint draws of the margins
 MAX_JOINT_POINTS = 800  # of uncertain membership that are drawn jointly
@@ -47,11 +48,21 @@ def volume_share(region: Region, sample: RegionSample, seed: int) -> VolumeShare
         sampled = np.sqrt(sample.probability[joint].var() / joint.size) * unsure.size * (joint.size < unsure.size)
         counts += sampled * rng.standard_normal(DRAWS)
     fractions = np.clip(counts / number, 0.0, 1.0)
-    fractions = fractions + np.sqrt(fractions * (1 - fractions) / number) * rng.standard_normal(DRAWS)
-    low, high = np.quantile(np.clip(fractions, 0.0, 1.0), QUANTILES)
-    value = float(sample.probability.mean())
-    volume = sample.volume
+    fractions = fractions + np.sqrt(_sampling_variance(fractions, sample)) * rng.standard_normal(DRAWS)
+    volumes = sample.volume * np.exp(sample.relative_std * rng.standard_normal(DRAWS))
+    low, high = np.quantile(volumes * np.clip(fractions, 0.0, 1.0), QUANTILES)
+    value = sample.volume * float(sample.probability.mean())
     return VolumeShare(
-        volume * value, volume * min(float(low), value), volume * max(float(high), value),
-        volume * float(sample.uncertainty.mean()),
+        value + sample.outside, min(float(low), value), max(float(high), value) + sample.outside,
+        sample.volume * float(sample.uncertainty.mean()) + sample.outside,
     )  # fmt: skip
+
+
+def _sampling_variance(fractions: np.ndarray, sample: RegionSample) -> np.ndarray:
+    """Variance (draws,) of admissible fractions (draws,) of the sample's points, as it is of so many points only."""
+    independent = fractions * (1 - fractions) / len(sample.points)
+    if sample.chain is None:
+        return independent
+    inside = (sample.probability >= 0.5).astype(float)
+    alike = float(inside.var()) / len(inside)
+    return independent * (clustered_variance(inside, sample.chain) / alike if alike else 1.0)

@@ -96,7 +96,7 @@ class ConfidenceChapter:
     posterior: bool
     caption: str
     remarks: tuple[str, ...]
-    picture: Picture
+    picture: Picture | None
     effort: str
     marginals: tuple[MarginalRow, ...]
     sampling: str
@@ -141,7 +141,9 @@ def confidence_chapter(
         posterior=bool(sampled),
         caption=f"{confidence.level:.1%} intervals. {capitalised(confidence.noise)}.",
         remarks=tuple(map(capitalised, confidence.remarks)),
-        picture=Picture(profiles_figure(confidence), "profiles", PROFILES + (PAIRS if confidence.pairs else "")),
+        picture=Picture(profiles_figure(confidence), "profiles", PROFILES + (PAIRS if confidence.pairs else ""))
+        if confidence.profiles
+        else None,
         effort=f"{count(confidence.evaluations, 'evaluation')} of the calibrated records",
         marginals=() if posterior is None else tuple(map(_marginal, posterior.parameters)),
         sampling="" if posterior is None else _sampling(confidence.level, posterior),

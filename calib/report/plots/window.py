@@ -61,7 +61,7 @@ def _percent(share: float) -> str:
 
 def _legend(causes: list[str]) -> list[Patch | Line2D]:
     handles: list[Patch | Line2D] = [
-        Patch(color=INSIDE_COLOUR, label="admissible (below: slice, above: share of the others)")
+        Patch(color=INSIDE_COLOUR, label="admissible (below: slice, above: volume of the others)")
     ]
     handles += [Patch(color=_pale(k), label=f"outside: {cause}") for k, cause in enumerate(causes)]
     handles += [
@@ -144,21 +144,19 @@ def _draw_box(axes: Axes, one: ParameterTolerance, other: ParameterTolerance, fx
 
 
 def _draw_projection(axes: Axes, result: WindowResult, dataset: xr.Dataset, pair: tuple[int, int]) -> None:
-    """Share of the other parameters (of the drawn box) that is admissible, and the evaluated points."""
+    """Admissible volume over two parameters, relative to where it is largest, and the evaluated points."""
     i, j = pair
     nodes = dataset.node_u.values
     edges = [np.linspace(nodes[axis, 0], nodes[axis, -1], PROJECTION_CELLS + 1) for axis in (i, j)]
     u, probability = dataset.sample_u.values, dataset.sample_probability.values
-    total, _, _ = np.histogram2d(u[:, i], u[:, j], bins=edges)
-    inside, _, _ = np.histogram2d(u[:, i], u[:, j], bins=edges, weights=probability)
-    share = inside / np.maximum(total, 1.0)
+    volume, _, _ = np.histogram2d(u[:, i], u[:, j], bins=edges, weights=probability)
     value, factors = [], []
     for edge, axis in zip(edges, (i, j), strict=True):
         scaled, factor, _ = _scaled(result, dataset, axis)
         value.append(np.interp(edge, nodes[axis], scaled))
         factors.append(factor)
-    look: Look = {"cmap": "Blues", "vmin": 0.0, "vmax": max(float(share.max()), 1e-9), "rasterized": True}
-    axes.pcolormesh(*value, share.T, **look)
+    look: Look = {"cmap": "Blues", "vmin": 0.0, "vmax": max(float(volume.max()), 1e-9), "rasterized": True}
+    axes.pcolormesh(*value, volume.T, **look)
     points, right = dataset.value.values[:, [i, j]] * factors, dataset.of_measured_kind.values
     admissible = dataset.admissible.values
     axes.plot(*points[~right].T, "x", color=WRONG_COLOUR, markersize=2.0, markeredgewidth=0.5)
@@ -166,15 +164,13 @@ def _draw_projection(axes: Axes, result: WindowResult, dataset: xr.Dataset, pair
 
 
 def _draw_line(axes: Axes, result: WindowResult, dataset: xr.Dataset, axis: int) -> None:
-    """Probability of being admissible along the parameter alone, and the share of the sample over it."""
+    """Admissible volume over a parameter, and what it may vary alone and in the largest box."""
     own, (scaled, factor, _) = result.parameters[axis], _scaled(result, dataset, axis)
     nodes, u = dataset.node_u.values[axis], dataset.sample_u.values[:, axis]
     edges = np.linspace(nodes[0], nodes[-1], PROJECTION_CELLS + 1)
-    total, _ = np.histogram(u, bins=edges)
-    inside, _ = np.histogram(u, bins=edges, weights=dataset.sample_probability.values)
-    share = inside / np.maximum(total, 1)
+    volume, _ = np.histogram(u, bins=edges, weights=dataset.sample_probability.values)
     values = np.interp(edges, nodes, scaled)
-    axes.stairs(share / max(float(share.max()), 1e-12), values, fill=True, color=INSIDE_COLOUR, alpha=0.35)
+    axes.stairs(volume / max(float(volume.max()), 1e-12), values, fill=True, color=INSIDE_COLOUR, alpha=0.35)
     axes.axvspan(factor * own.alone_low, factor * own.alone_high, ymin=0.93, ymax=1.0, color=INSIDE_COLOUR, linewidth=0)
     if own.together_low is not None and own.together_high is not None:
         low, high = factor * own.together_low, factor * own.together_high

@@ -1,0 +1,82 @@
+"""Subset simulation on parts of the unit cube whose volume is known."""
+
+import numpy as np
+import pytest
+from scipy.special import gammaln
+from scipy.stats import qmc
+
+from calib.confidence.window.observed import Observed
+from calib.confidence.window.region import emulated
+from calib.confidence.window.sampling import region_sample
+from calib.confidence.window.share import volume_share
+from calib.confidence.window.subset import subset_simulation
+
+AXES = np.array([0.3, 0.3, 0.25, 0.2, 0.1, 0.043])  # of an oblique ellipsoid of 1e-4 of the cube
+SEEDS = range(8)
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """A rotation of six axes."""
+    return np.linalg.qr(np.random.default_rng(0).standard_normal((6, 6)))[0]
+
+
+def distance(points, turned):
+    return (((points - 0.5) @ turned / AXES) ** 2).sum(axis=1)
+
+
+def volume():
+    return float(np.exp(3.0 * np.log(np.pi) - gammaln(4.0)) * AXES.prod())
+
+
+def test_a_thin_oblique_part_has_its_volume_and_an_honest_error(turned):
+    errors = []
+    for seed in SEEDS:
+        part = subset_simulation(
+            lambda points: -distance(points, turned), np.zeros_like, 6, -1.0, 1.0, number=1 << 11, seed=seed
+        )
+        assert (distance(part.points, turned) <= 1.0).all()
+        assert part.relative_std < 0.3
+        errors.append(np.log(part.volume / volume()) / part.relative_std)
+    assert volume() == pytest.approx(1e-4, rel=0.01)
+    assert 0.4 < np.sqrt(np.mean(np.square(errors))) < 1.6
+
+
+def test_the_points_are_spread_evenly_over_the_part(turned):
+    part = subset_simulation(
+        lambda points: -distance(points, turned), np.zeros_like, 6, -1.0, 1.0, number=1 << 12, seed=1
+    )
+    along = (part.points - 0.5) @ turned / AXES  # of a ball: each coordinate has the variance 1 / (dim + 2)
+    np.testing.assert_allclose(along.var(axis=0), 1.0 / 8.0, rtol=0.12)
+    np.testing.assert_allclose(along.mean(axis=0), 0.0, atol=0.04)
+
+
+def test_weights_below_the_last_level_are_told(turned):
+    """The integral of exp(-distance) over the cube is that below the level and that above it."""
+    part = subset_simulation(lambda points: -distance(points, turned), np.exp, 6, -1.0, 1.0, number=1 << 13, seed=3)
+    above = part.volume * np.exp(part.scores).mean()
+    assert part.below + above == pytest.approx(np.pi**3 * AXES.prod(), rel=0.2)
+    assert part.below > above  # most of a six-dimensional normal distribution is far from its centre
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_window_of_a_twenty_thousandth_of_the_box_has_its_share(turned, seed):
+    """Half an ellipsoid: a misfit that is a quadratic form, and a contact that is lost beyond a plane."""
+    points = np.vstack([np.full(6, 0.5), qmc.Sobol(6, seed=seed).random(128)])
+    contact = (points - 0.5) @ turned[:, 0] + 1e-9
+    margins = np.column_stack([1.0 - distance(points, turned), contact])
+    observed = Observed(points, np.ones(len(points), dtype=bool), margins, ("misfit", "contact"), (False, False))
+    region = emulated(observed)
+    sample = region_sample(region, points[:1], seed, split=1 << 11)
+    share = volume_share(region, sample, seed)
+    assert share.low < 0.5 * volume() < share.high
+    assert share.high < 2.0 * share.low
+    assert share.misclassified < 0.1 * share.value
+    assert region.probability(sample.points) == pytest.approx(sample.probability, abs=1e-9)
+    assert (sample.low < 0.5).all()
+    assert (sample.high > 0.5).all()
+
+
+def test_a_plateau_ends_it():
+    part = subset_simulation(lambda points: np.zeros(len(points)), np.zeros_like, 2, 1.0, 0.5, number=256, seed=1)
+    assert part.volume == 1.0
