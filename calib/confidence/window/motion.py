@@ -94,14 +94,15 @@ def approach_features(
     map.
     """
     excitation = study.objective.references[name].excitation
-    if not excitation.harmonic or not {"impact_speed", "displacement"} <= set(record.variables):
+    frequency = excitation.frequency
+    if frequency is None or not excitation.harmonic or not {"impact_speed", "displacement"} <= set(record.variables):
         return []
     amplitude = 0.5 * float(np.ptp(record.variables["displacement"].values, axis=-1).max())
     if not amplitude > 0.0:
         return []
     speeds = record.variables["impact_speed"].values
     if speeds.size:
-        rate = 2.0 * np.pi * excitation.frequency
+        rate = 2.0 * np.pi * frequency
         approach = -((float(speeds.max()) / rate) ** 2) / (2.0 * amplitude)
     elif record.attrs.get("contact_fraction", 0.0) > 0.0:
         return []
