@@ -26,7 +26,7 @@ MAX_POINTS_OF_LIKELIHOOD = 300  # more would cost seconds a fit and change littl
 MAX_LIKELIHOODS = 100  # evaluations of the marginal likelihood in one climb  [1]
 POINTS_A_TREND_TERM = 2  # fewer leave nothing to tell the trend from the process by  [1]
 MAX_JITTERS = 6  # powers of ten of the jitter that are tried
-MIN_VARIANCE = 1e-10  # added to each value's, lest a covariance be singular, variances of the values  [1]
+LEAST_NUGGET = 1e-10  # added to each value's, lest a covariance be singular, variances of the values  [1]
 DRAW_JITTER = 1e-9  # added to the variance of joint draws, variances of the values  [1]
 
 
@@ -215,7 +215,7 @@ def _kernel(theta: np.ndarray, trend: Trend) -> Any:
 def _conditioned(theta: np.ndarray, trend: Trend, points: np.ndarray, column: np.ndarray, variances: np.ndarray) -> Any:
     """Regressor with the hyperparameters theta (2 + dim,), given standardised values (n,) with their variances (n,)."""
     kernel = _kernel(theta, trend)
-    return GaussianProcessRegressor(kernel, alpha=variances + MIN_VARIANCE, optimizer=None).fit(points, column)
+    return GaussianProcessRegressor(kernel, alpha=variances + LEAST_NUGGET, optimizer=None).fit(points, column)
 
 
 def _most_likely(

@@ -1,7 +1,8 @@
 """How sure the calibrated values of a study are: profiles and posterior distribution, in files of its folder."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -102,20 +103,27 @@ def confidence_study(
     others = [load(other, jobs=jobs, pool=pool) for other in compare]
     check_comparable(file, others)
     values = calibrated_values(file, folder)
+    with _locked(folder, fresh):
+        result = _found(
+            file, values, chosen, not only_posterior, posterior, sample_nuisances, others, on_stage, on_progress, begin
+        )
+    _write(result, folder)
+    rebuild_file(file)
+    return result
+
+
+@contextmanager
+def _locked(folder: Path, fresh: bool) -> Iterator[None]:
+    """Hold the lock of the notes in a folder; forget them first where the points made so far are unwanted."""
     lock = Lock(folder, folder / NOTES)
     lock.acquire()
     try:
         if fresh:
             for notes in (NOTES, NUISANCE_NOTES):
                 (folder / notes).unlink(missing_ok=True)
-        result = _found(
-            file, values, chosen, not only_posterior, posterior, sample_nuisances, others, on_stage, on_progress, begin
-        )
+        yield
     finally:
         lock.release()
-    _write(result, folder)
-    rebuild_file(file)
-    return result
 
 
 def _check_sampling(posterior: bool, sample_nuisances: bool, compare: Sequence[str | Path]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
@@ -24,7 +25,7 @@ from calib.execution.netcdf import write_dataset
 from calib.execution.workers import workers
 from calib.report.plots.style import png
 from calib.report.plots.window import window_figure
-from calib.store import Store
+from calib.store import Store, Trial
 from calib.study import result as calibration
 from calib.study_file import StudyFile, load
 from calib.workflows.calibrate import rebuild_file
@@ -69,8 +70,8 @@ def window_study(
     pool : keys of a [pool] table that takes the place of the file's
     fresh : forget the points evaluated so far
     exact : follow grazing, fold and flip curves over every slice, and hold the emulated boundary against them
-    on_note, on_point : told what is going to be simulated; the number of points that are done, and of all
-    on_slice : told the number of slices over which curves were followed, and of all
+    on_note : told what is going to be simulated
+    on_point, on_slice : told the number that are done, and of all: of points, of slices with their curves
 
     Raises
     ------
@@ -83,15 +84,7 @@ def window_study(
     start = study.space.point(calibrated_values(file, folder))
     tolerances, seed = _tolerances(file, folder, tolerance or {}), study.seed if seed is None else seed
     _check_budget(budget, study.space.dim)
-
-    def opened(done: int) -> None:
-        on_note(f"window over {study.space.dim} parameters: {budget} points, {done} done before")
-        on_point(done, budget)
-
-    evaluation = WindowEvaluation(study.without_search())
-    with workers(evaluation, study.evaluated_by, study.timeout, modules=study.code, on_note=on_note) as evaluations:
-        store = Store(folder / WINDOW_FOLDER, view=None, keep="best")
-        trials = explored(study, start, tolerances, budget, seed, store, evaluations, fresh, opened, on_point)
+    trials = _explored(file, start, tolerances, budget, seed, fresh, on_note, on_point)
     with threadpool_limits(1):
         result, region, sample, observed = analysed(study, trials, start, tolerances, seed, time.monotonic() - begin)
         dataset = window_dataset(study.space, list(result.units.values()), region, sample, observed, trials, start)
@@ -105,6 +98,29 @@ def window_study(
     finally:
         rebuild_file(file)
     return result
+
+
+def _explored(
+    file: StudyFile,
+    start: np.ndarray,
+    tolerances: Mapping[str, float],
+    budget: int,
+    seed: int,
+    fresh: bool,
+    on_note: Callable[[str], None],
+    on_point: Callable[[int, int], None],
+) -> list[Trial]:
+    """Evaluate the points on the study's pool, into a ledger of their own; return those of before among them."""
+    study = file.study
+
+    def opened(done: int) -> None:
+        on_note(f"window over {study.space.dim} parameters: {budget} points, {done} done before")
+        on_point(done, budget)
+
+    evaluation = WindowEvaluation(study.without_search())
+    with workers(evaluation, study.evaluated_by, study.timeout, modules=study.code, on_note=on_note) as evaluations:
+        store = Store(file.folder / WINDOW_FOLDER, view=None, keep="best")
+        return explored(study, start, tolerances, budget, seed, store, evaluations, fresh, opened, on_point)
 
 
 def _write(result: WindowResult, dataset: xr.Dataset, folder: Path) -> None:

@@ -67,8 +67,7 @@ def render(
     diagnosis, discovery, confidence, window : None where there was none; of the window document and arrays
     motions, jobs : content of diagnosis.nc (see `calib.report.plots.diagnosed_cycles`); processes that draw figures
     base : the study that this one extends; None where it extends none, or none is known
-    predictions : bands of predicted records by name
-    left_out : why something cannot be shown, a sentence each without its full stop
+    predictions, left_out : bands of predicted records by name; why something cannot be shown, without full stops
     """
     illustrated = {
         **_record_sections(study, records, result, base),
