@@ -14,6 +14,7 @@ from calib.report.plots.continuation import SPECIAL, stability_line
 from calib.report.plots.style import FAILED, LINE, MARK, STYLE, Look, shown_unit
 
 WINDOW_PANEL = 1.45  # inch, side of a panel
+LEGEND_COLUMNS = 3  # at most; one fewer than panels beside each other fits into the width
 PROJECTION_CELLS = 20  # along each side of a projection
 INSIDE_COLOUR = "#0072B2"
 CAUSE_COLOURS = ("#E69F00", "#CC79A7", "#009E73", "#F0E442", "#56B4E9", "#999999")  # of what bounds the window
@@ -49,7 +50,7 @@ def window_figure(result: WindowResult, dataset: xr.Dataset) -> Figure:
         figure.suptitle(title, x=0.1, ha="left", fontsize=10)
         figure.legend(
             handles=[*_legend(causes), *_exact_legend(dataset)],
-            loc="upper left", bbox_to_anchor=(0.095, 0.965), ncols=3, fontsize=7.5,
+            loc="upper left", bbox_to_anchor=(0.095, 0.965), ncols=max(1, min(dim - 1, LEGEND_COLUMNS)), fontsize=7.5,
             borderpad=0.0, handlelength=1.4, columnspacing=1.2,
         )  # fmt: skip
     return figure
