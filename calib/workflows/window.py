@@ -78,8 +78,7 @@ def window_study(
     CalibError : a mistake in the study file, the study is not calibrated, an unknown term, or no window was found
     KeyboardInterrupt : stopped by Ctrl-C; the points evaluated until then are kept
     """
-    begin = time.monotonic()
-    file = load(path, jobs=jobs, out=out, pool=pool)
+    begin, file = time.monotonic(), load(path, jobs=jobs, out=out, pool=pool)
     study, folder = file.study, file.folder
     start = study.space.point(calibrated_values(file, folder))
     tolerances, seed = _tolerances(file, folder, tolerance or {}), study.seed if seed is None else seed
