@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
+from functools import cache, partial
 
 import pytest
 from child_environment import environment
@@ -42,33 +42,46 @@ def single_node():
     started.end_all()
 
 
-def equal(pool, folder, **settings):
-    """Whether the study gives the same on the pool and in this process."""
-    here = run(study(**settings), folder / "here").trials
-    there = study(**settings, pool=pool, timeout=60.0).run(Store(folder / "there", view=None)).trials
-    return lines(here) == lines(there)
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """Lines of the ledger of a study in this process, by the name of its optimiser; each is run once."""
+
+    @cache
+    def run_here(name):
+        return lines(run(study(**settings(name)), tmp_path_factory.mktemp("here")).trials)
+
+    return run_here
 
 
-def test_a_study_on_dask_is_bit_for_bit_the_local_one(cluster, tmp_path):
-    assert equal(PoolSettings("dask", scheduler=cluster.address), tmp_path, budget=20, optimiser=Multistart)
+def settings(name):
+    """A study of which some trials fail."""
+    return {"budget": 20, "optimiser": OPTIMISERS[name], "trouble": "diverge"}
+
+
+def on(pool, folder, name):
+    """Lines of the ledger of the same study on a pool."""
+    return lines(study(**settings(name), pool=pool, timeout=60.0).run(Store(folder, view=None)).trials)
+
+
+def test_a_study_on_dask_is_bit_for_bit_the_local_one(cluster, here, tmp_path):
+    assert on(PoolSettings("dask", scheduler=cluster.address), tmp_path, "multistart") == here("multistart")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("optimiser", OPTIMISERS)
-def test_so_it_is_on_executorlib_for_every_optimiser(optimiser, single_node, tmp_path):
-    assert equal(single_node, tmp_path, budget=30, optimiser=OPTIMISERS[optimiser])
+def test_so_it_is_on_executorlib_for_every_optimiser(optimiser, single_node, here, tmp_path):
+    assert on(single_node, tmp_path, optimiser) == here(optimiser)
 
 
 @pytest.mark.slow
-def test_so_it_is_on_any_number_of_workers_for_every_optimiser(tmp_path):
+def test_so_it_is_on_any_number_of_workers_for_every_optimiser(here, tmp_path):
     with DaskProcesses(tmp_path / "dask") as processes:
-        for workers in (1, 2, 4):
+        for workers in (1, 3):
             while len(processes.workers) < workers:
                 processes.add_worker()
             pool = PoolSettings("dask", scheduler=processes.address)
-            for name, optimiser in OPTIMISERS.items():
-                folder = tmp_path / f"{name} {workers}"
-                assert equal(pool, folder, budget=20, optimiser=optimiser, trouble="diverge"), (name, workers)
+            for name in OPTIMISERS:
+                assert on(pool, tmp_path / f"{name} {workers}", name) == here(name), (name, workers)
 
 
 SCRIPT = """

@@ -86,6 +86,7 @@ def test_each_parameter_has_its_tolerance_and_the_file_round_trips(windowed):
     assert "How far the parameters may vary" in (folder / "out" / "report.html").read_text()
 
 
+@undrawn()
 def test_a_larger_budget_goes_on_from_a_smaller_one(windowed, tmp_path):
     folder, _ = windowed
     other = tmp_path / "echo"
@@ -98,6 +99,7 @@ def test_a_larger_budget_goes_on_from_a_smaller_one(windowed, tmp_path):
     )
 
 
+@undrawn()
 def test_a_killed_window_ends_in_the_same_points(windowed, tmp_path):
     folder, _ = windowed
     other = tmp_path / "echo"
@@ -136,6 +138,7 @@ def test_python_has_it_too(windowed):
     assert "data:image/png" in found._repr_html_()
 
 
+@undrawn()
 def test_failed_runs_are_data(calibrated, tmp_path):
     folder = tmp_path / "echo"
     shutil.copytree(calibrated, folder)
