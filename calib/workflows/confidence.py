@@ -67,35 +67,29 @@ def confidence_study(
 ) -> ConfidenceResult:
     """Profile the likelihood over each parameter of a calibrated study: `calib confidence` from Python.
 
-    Writes confidence.json and confidence.png into the folder of the results, and draws report.html anew. Each point is
-    kept in confidence.jsonl as it ends: a run that was stopped or killed goes on with the same call, and finds what it
-    would have found uninterrupted. With `posterior`, the posterior distribution goes into posterior.nc, posterior.png
-    and ensemble.csv, and what it predicts into predictive.nc and predictive.png.
+    Writes confidence.json and confidence.png into the folder of the results, and draws report.html anew. A run that was
+    stopped or killed goes on with the same call, to the same end. With `posterior`, the posterior distribution goes
+    into posterior.nc, posterior.png and ensemble.csv, what it predicts into predictive.nc and predictive.png.
 
     Parameters
     ----------
     path : study file, or a folder with a study.toml; `calib run` must have found values
     out : folder of the results; None: the study's
     pairs : of parameters that are profiled together; "all" for every pair
-    only_posterior : whether the posterior distribution is sampled without profiles
-    posterior : whether the posterior distribution of the parameters is sampled too
+    posterior, only_posterior : whether the posterior distribution is sampled, beside profiles or without them
     sample_nuisances : whether it is sampled over scale, shear and offset too; see `calib.confidence.instrument`
     compare : files of calibrated studies of the same records with other models, whose evidence is compared
-    jobs : takes the place of the file's
-    pool : keys of a [pool] table that takes the place of the file's
+    jobs, pool : take the place of the file's; of the pool, keys of a [pool] table
     fresh : forget the points made so far
     on_stage : called with what is being done
     on_progress : called with the number of evaluations that are done, and of those that are foreseen
 
     Raises
     ------
-    CalibError : a mistake in the study file or the pairs, the study has not been calibrated, or the sampler is not
-        installed
+    CalibError : a mistake in the study file or the pairs, a study without calibration, or no sampler is installed
     """
-    if only_posterior and pairs:
-        raise CalibError("--pairs are profiles: leave them out, or give --posterior in place of --only-posterior")
     posterior = posterior or only_posterior
-    _check_sampling(posterior, sample_nuisances, compare)
+    _check_sampling(posterior, only_posterior and bool(pairs), sample_nuisances, compare)
     begin = time.monotonic()
     file = load(path, jobs=jobs, out=out, pool=pool)
     study, folder = file.study, file.folder
@@ -126,7 +120,11 @@ def _locked(folder: Path, fresh: bool) -> Iterator[None]:
         lock.release()
 
 
-def _check_sampling(posterior: bool, sample_nuisances: bool, compare: Sequence[str | Path]) -> None:
+def _check_sampling(
+    posterior: bool, pairs_without_profiles: bool, sample_nuisances: bool, compare: Sequence[str | Path]
+) -> None:
+    if pairs_without_profiles:
+        raise CalibError("--pairs are profiles: leave them out, or give --posterior in place of --only-posterior")
     if posterior or compare:
         nautilus()
     if sample_nuisances and not posterior:
