@@ -11,7 +11,8 @@ from calib.digitise.importers import read as read_export
 from calib.digitise.reading import is_picture
 from calib.digitise.spec import read_spec
 from calib.errors import CalibError
-from calib.records import read, write
+from calib.records import is_response, read, write
+from calib.records.response_table import has_frequencies
 from calib.report.plots.digitised import overlay
 from calib.report.plots.reference import reference_picture
 from calib.report.record_description import record_description, record_warnings
@@ -73,7 +74,7 @@ def show_reference(path: Path, output: Path | None) -> None:
             click.echo(f"record {name!r}")
             _show(record, (output or file).with_name(f"{(output or file).stem}.{name}.png"))
         return
-    if path.suffix.lower() in TABLES:
+    if path.suffix.lower() in TABLES and not has_frequencies(path):
         raise CalibError(
             f"{path} is a table, and only a study file says what its columns are: write one with "
             f'`calib new study NAME`, put path = "{path.resolve()}" into its [[record]] and the columns into '
@@ -94,6 +95,7 @@ def _records_of(path: Path) -> dict[str, xr.Dataset]:
                 key: value
                 for key in ("place", "quantity", "frequency", "amplitude")
                 if (value := getattr(reference.excitation, key)) is not None
+                and not (is_response(reference.record) and key in ("frequency", "amplitude"))
             }
         )
         for name, reference in stated.items()

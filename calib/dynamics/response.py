@@ -327,14 +327,14 @@ def _crossings(branch: Branch, value: float) -> Iterator[np.ndarray]:
 def _response(
     setting: Setting, level: float, branch: Branch, harmonics: int, amplitude: AmplitudeAt, isolated: bool
 ) -> ResponseBranch:
-    at = partial(_harmonics, setting, branch.periods, harmonics)
+    at = partial(harmonics_of_cycle, setting, branch.periods, harmonics)
     frequencies = branch.parameter.tolist()
     pairs = [at(f, amplitude(level, f), state) for f, state in zip(frequencies, branch.states, strict=True)]
     complex_amplitudes, peaks = zip(*pairs, strict=True)
     return ResponseBranch(level, branch, np.stack(complex_amplitudes, axis=-1), np.stack(peaks, axis=-1), isolated)
 
 
-def _harmonics(
+def harmonics_of_cycle(
     setting: Setting, periods: int, highest: int, frequency: float, amplitude: float, state: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Complex amplitudes (body, harmonic) and half the peak-to-peak displacement (body,) of a cycle  [m]."""

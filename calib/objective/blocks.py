@@ -8,6 +8,7 @@ import xarray as xr
 from calib import plugins
 from calib.errors import CalibError, nearest
 from calib.objective.prepared_reference import PreparedReference, SensedRecord
+from calib.objective.prepared_response import PreparedResponse
 from calib.objective.terms import Feature, Term
 from calib.records import STATE
 from calib.records import channels as channels_of
@@ -16,7 +17,7 @@ from calib.records import channels as channels_of
 class Blocks:
     """One term on one record: the measured values, and the factors that scale differences to residuals."""
 
-    def __init__(self, term: Term, record: str, compared: PreparedReference):
+    def __init__(self, term: Term, record: str, compared: PreparedReference | PreparedResponse):
         self.term, self.record = term, record
         feature = term.feature
         label = f"term {term.label!r}, record {record!r}"

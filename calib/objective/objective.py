@@ -12,9 +12,11 @@ from calib.modelling.simulator import Request
 from calib.objective.blocks import Blocks
 from calib.objective.initial_state import Released
 from calib.objective.prepared_reference import PreparedReference, SensedRecord, on_drive_clock
+from calib.objective.prepared_response import PreparedResponse
 from calib.objective.scalar_features import FeatureValue
 from calib.objective.terms import Reference, Score, Term
 from calib.records import channels as channels_of
+from calib.records import is_response
 from calib.records.cycles import MotionKind
 
 MAX_LINEAR_DISTANCE = 5.0  # from which on the cost rises more slowly than the distance
@@ -54,7 +56,7 @@ class Objective:
         self.terms = _distinct(terms)
         if not self.terms:
             raise CalibError("an objective needs at least one term; name a feature to compare")
-        self._prepared = {name: PreparedReference(reference, self.terms) for name, reference in self.references.items()}
+        self._prepared = {name: _prepared(reference, self.terms) for name, reference in self.references.items()}
         self.scored = [name for name, reference in self.references.items() if reference.use == "calibrate"]
         if not self.scored:
             raise CalibError('no reference is used to calibrate; set use = "calibrate" for one of them at least')
@@ -248,6 +250,10 @@ class Objective:
             pairs = {pair for block in mine for pair in block.pairs}
             features += self._prepared[name].features(pairs, sensed[name])
         return features
+
+
+def _prepared(reference: Reference, terms: Sequence[Term]) -> PreparedReference | PreparedResponse:
+    return (PreparedResponse if is_response(reference.record) else PreparedReference)(reference, terms)
 
 
 def _distinct(terms: Sequence[Term]) -> list[Term]:

@@ -23,7 +23,7 @@ from calib.objective.initial_state import (
 )
 from calib.objective.scalar_features import FeatureValue, Scalar, compared, scalars
 from calib.objective.terms import Reference, Term
-from calib.records import OK, prescribed
+from calib.records import OK, is_response, prescribed
 from calib.records import channels as channels_of
 from calib.records.cycles import NO_CONTACT, UNDECIDED, MotionKind, clock_rate, kind_of_motion, sampled
 
@@ -206,7 +206,7 @@ def on_drive_clock(reference: Reference) -> Reference:
     A steady motion has the period of its drive: where its cycles say otherwise the recorder's clock is fast or slow,
     and was right at time zero. See `calib.records.cycles.clock_rate`.
     """
-    if not reference.excitation.harmonic or CLOCK_RATE in reference.record.attrs:
+    if is_response(reference.record) or not reference.excitation.harmonic or CLOCK_RATE in reference.record.attrs:
         return reference
     steady = _with_period(reference.record, reference.excitation.period)
     known = kind_of_motion(steady).period

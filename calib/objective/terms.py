@@ -9,7 +9,7 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.modelling.simulator import Request
-from calib.records import OK, STATE, check, mean_interval
+from calib.records import OK, STATE, check, is_response, mean_interval
 from calib.records.excitation import Excitation
 
 Use = Literal["calibrate", "name", "holdout"]
@@ -80,7 +80,7 @@ class Reference:
             raise CalibError(f"{self.name}: use is one of {', '.join(USES)}, got {self.use!r}{nearest(self.use, USES)}")
         if self.excitation is OF_RECORD:
             object.__setattr__(self, "excitation", Excitation.of(self.record))
-        if self.request.interval is None:
+        if self.request.interval is None and not is_response(self.record):
             object.__setattr__(self, "request", replace(self.request, interval=mean_interval(self.record)))
         object.__setattr__(self, "nuisance", tuple(self.nuisance))
         for nuisance in self.nuisance:
@@ -95,6 +95,11 @@ class Reference:
         if nuisance not in NUISANCES:
             hint = nearest(nuisance, NUISANCES)
             raise CalibError(f"{self.name}: unknown nuisance {nuisance!r}{hint}; known are {NUISANCES}")
+        if is_response(self.record):
+            raise CalibError(
+                f"{self.name}: a frequency response has no nuisances, got {nuisance!r}; drop it, or leave a factor on "
+                "the excitation free as a parameter"
+            )
         if nuisance == INITIAL_STATE and self.excitation.harmonic:
             raise CalibError(
                 f"{self.name}: the nuisance {INITIAL_STATE!r} belongs to a record that begins with the motion, a free "

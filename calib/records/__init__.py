@@ -20,6 +20,7 @@ from calib.records.record import (
     rename_bodies,
     stated_period,
 )
+from calib.records.response import is_response
 from calib.records.schema import check
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "check",
     "failed",
     "fills_periods",
+    "is_response",
     "make",
     "mean_interval",
     "nuisance_sigma",

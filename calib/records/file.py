@@ -6,16 +6,19 @@ import xarray as xr
 
 from calib.execution.netcdf import read_dataset, write_dataset
 from calib.records.record import OK
+from calib.records.response_table import SUFFIXES, read_response
 from calib.records.schema import check
 
 
 def read(path: str | Path) -> xr.Dataset:
-    """Read and check a record from a netCDF file, in SI whatever units it states.
+    """Read and check a record from a netCDF file, or a frequency response from delimited text; SI in any case.
 
     Raises
     ------
-    CalibError : no such file, not a readable netCDF file, or not a record
+    CalibError : no such file, not a readable one, or not a record
     """
+    if Path(path).suffix.lower() in SUFFIXES:
+        return read_response(path)
     record = read_dataset(path)
     record.attrs.setdefault("status", OK)
     return check(record, str(path))

@@ -76,9 +76,11 @@ def failed(bodies: Sequence[str], status: str, reason: str, **attrs: Any) -> xr.
 
 
 def channels(record: xr.Dataset) -> tuple[str, ...]:
-    """Names of the record's channels: the variables over (body, time) that are no uncertainty."""
+    """Names of the record's channels: variables over (body, time), or (body, point), that are no uncertainty."""
     # not of data arrays: each looks through all coordinates for its own
-    both = [str(name) for name in record.data_vars if record.variables[name].dims == ("body", "time")]
+    both = [
+        str(name) for name in record.data_vars if record.variables[name].dims in (("body", "time"), ("body", "point"))
+    ]
     return tuple(name for name in both if not name.endswith("_sigma"))
 
 

@@ -11,6 +11,7 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.records.excitation import UNITS as EXCITATION_UNITS
 from calib.records.record import CHANNELS, INTERVAL, OK, STATE, channels, nuisance_sigma
+from calib.records.response import check_response, is_response
 from calib.units import is_si, to_si
 
 MAX_TIME_S = 1e9  # s, either side of zero: 32 years
@@ -52,6 +53,8 @@ def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
     CalibError : it does not satisfy the schema; the message names the variable, what was expected and the remedy
     """
     _check_attributes(record, name)
+    if is_response(record):
+        return check_response(record, name)
     for dim, what in (("body", "names of the bodies"), ("time", "time [s]")):
         if dim not in record.coords:
             raise CalibError(f"{name}: the coordinate {dim!r} ({what}) is missing; it has {list(record.coords)}")

@@ -6,9 +6,10 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.records import STATE, channels, fills_periods, nuisance_sigma, stated_period
+from calib.records import STATE, channels, fills_periods, is_response, nuisance_sigma, stated_period
 from calib.records.cycles import impact, kind_of_motion, phase_curve
 from calib.records.excitation import UNITS
+from calib.records.response import complex_amplitude, sweeps
 from calib.units import shown
 
 MAX_INTEGRAL_ERROR = 0.02  # of the velocity's integral, over the rms displacement, noise apart  [1]
@@ -41,6 +42,9 @@ def record_description(record: xr.Dataset) -> Iterator[str]:
     """Describe a record: source, excitation, kind of motion, channels, energy over the cycle; a sentence each."""
     if "source" in record.attrs:
         yield f"source: {record.attrs['source']}"
+    if is_response(record):
+        yield from _response(record)
+        return
     time, period = record.time.values, stated_period(record)
     step = (time[-1] - time[0]) / (time.size - 1)
     yield f"{time.size} samples at intervals of {shown(step, 's')}, {shown(time[-1] - time[0] + step, 's')} in all"
@@ -64,6 +68,38 @@ def record_description(record: xr.Dataset) -> Iterator[str]:
             yield f"{channel} of {body}: {low} to {high}, {uncertainty}"
     yield from _energies(record)
     yield from _nuisances(record)
+
+
+def response_text(record: xr.Dataset) -> str:
+    """Describe the excitation of a frequency response: quantity, place, levels and frequencies."""
+    unit, level, frequency = str(record["level"].attrs["units"]), record["level"].values, record["frequency"].values
+    low, high = shown(float(level.min()), unit), shown(float(level.max()), unit)
+    size = low if low == high else f"{low} to {high}"
+    drive = " at the ".join(str(record.attrs[key]) for key in ("quantity", "place") if key in record.attrs)
+    drive = drive or "an excitation that is not stated"
+    return (
+        f"swept by {drive}, {size}, from {shown(float(frequency.min()), 'Hz')} to {shown(float(frequency.max()), 'Hz')}"
+    )
+
+
+def _response(record: xr.Dataset) -> Iterator[str]:
+    """Describe a frequency response, sweep by sweep."""
+    yield f"frequency response of {record.sizes['point']} points: {response_text(record)}"
+    amplitude, stated = np.abs(complex_amplitude(record)), "response_sigma" in record
+    for sweep, points in sweeps(record):
+        way = "up" if record["direction"].values[points[0]] > 0.0 else "down"
+        level = float(np.median(record["level"].values[points]))
+        for body, own in zip(record.body.values.tolist(), amplitude[:, points], strict=True):
+            top = int(np.argmax(own))
+            noise = ""
+            if stated:
+                sigma = float(np.median(record["response_sigma"].sel(body=body).values[points]))
+                noise = f", standard uncertainty {shown(sigma, 'm', 2)}"
+            yield (
+                f"sweep {sweep:g} {way}, level {shown(level, str(record['level'].attrs['units']))}, {points.size} "
+                f"points: largest amplitude of {body} {shown(float(own[top]), 'm')} at "
+                f"{shown(float(record['frequency'].values[points[top]]), 'Hz', 6)}{noise}"
+            )
 
 
 def _nuisances(record: xr.Dataset) -> Iterator[str]:
@@ -106,6 +142,10 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
     """Warn of what may be wrong with a record, a sentence each."""
     if "warning" in record.attrs:
         yield str(record.attrs["warning"])
+    if is_response(record):
+        if "response_sigma" not in record:
+            yield "the response states no uncertainty: 2 % of the rms amplitude of each sweep is taken"
+        return
     names = channels(record)
     for channel in names:
         if f"{channel}_sigma" not in record:

@@ -14,9 +14,11 @@ from calib.execution.files import checksum, verified
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request, Simulator
 from calib.objective import Reference
-from calib.records import read, rename_bodies, table
+from calib.records import is_response, read, rename_bodies, table
 from calib.records.delimited import TextLayout
 from calib.records.excitation import Excitation, Quantity, unit_of
+from calib.records.response_table import SUFFIXES as RESPONSE_SUFFIXES
+from calib.records.response_table import has_frequencies, read_response
 from calib.records.sheet import UnknownColumn
 from calib.study import check_solvable
 from calib.study_file.ignored import check_ignored
@@ -62,7 +64,7 @@ def _reference(
     with mistakes.at(*key, "path"):
         file = _file(entry, mistakes.path.parent)
         if entry.table is None:
-            record = read(file)
+            record = _read(file, entry.excitation)
         elif readable:
             try:
                 record, excitation = table.read(_table(entry.table, drive, file))
@@ -72,7 +74,8 @@ def _reference(
         return None
     with mistakes.at(*key, "excitation"):
         if excitation is None:
-            excitation = _excitation(entry.excitation, record)
+            of = _response_excitation if is_response(record) else _excitation
+            excitation = of(entry.excitation, record)
         elif entry.excitation is not None and entry.excitation.frequency is not None:  # a recorded input with a period
             excitation = replace(excitation, frequency=to_si(entry.excitation.frequency, "Hz"))
     if entry.bodies is not None:
@@ -108,6 +111,37 @@ def _reference(
             check_solvable(model, reference)
         return reference
     return None
+
+
+def _read(file: Path, how: ExcitationTable | None) -> xr.Dataset:
+    """Read a record, a response with the level that [record.excitation] states where its file has none."""
+    if file.suffix.lower() not in RESPONSE_SUFFIXES or not has_frequencies(file):
+        return read(file)
+    level = None
+    if how is not None and how.amplitude is not None:
+        unit = unit_of(how.quantity)
+        stated = f"{how.amplitude!r} {how.unit}" if how.unit and not isinstance(how.amplitude, str) else how.amplitude
+        level = to_si(stated, unit), unit
+    return read_response(file, level)
+
+
+def _response_excitation(how: ExcitationTable | None, record: xr.Dataset) -> Excitation:
+    """Excitation of a response: of its place and quantity as stated, its first frequency and level."""
+    place = record.attrs.get("place", "") if how is None or how.place is None else how.place
+    quantity = record.attrs.get("quantity", "") if how is None else how.quantity
+    if not place or not quantity:
+        raise CalibError(
+            "the response does not say where and by what its bodies are driven; state place and quantity in "
+            "[record.excitation], or as comments of the file: '# place: mass', '# quantity: force'"
+        )
+    if how is not None and how.frequency is not None:
+        raise CalibError("the frequencies are those of the response; drop the key frequency")
+    unit, stated = unit_of(quantity), str(record["level"].attrs["units"])
+    if stated != unit:
+        raise CalibError(f"the level is in {stated}, but an excitation by {quantity} is in {unit}; mend one of the two")
+    return Excitation(
+        place, cast(Quantity, quantity), frequency=float(record["frequency"][0]), amplitude=float(record["level"][0])
+    )
 
 
 def _nuisance(entry: RecordTable, record: xr.Dataset) -> tuple[str, ...]:
@@ -272,9 +306,10 @@ def _check_taken(excitation: Excitation, request: Request, simulator: Simulator)
 
 def _check_sampling(record: xr.Dataset, excitation: Excitation) -> None:
     """Refuse a record with so few samples a period that a unit must be wrong."""
-    time, period = record.time.values, excitation.period
-    if period is None or time.size < 2:
+    period = excitation.period
+    if is_response(record) or period is None or record.time.size < 2:
         return
+    time = record.time.values
     step = float(time[-1] - time[0]) / (time.size - 1)
     if period < MIN_PERIODIC_SAMPLES * step:
         raise CalibError(

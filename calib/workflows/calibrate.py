@@ -15,7 +15,7 @@ from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.pool import Failure, in_order
 from calib.objective import Objective, record_misfit
-from calib.records import OK, failed
+from calib.records import OK, failed, is_response
 from calib.report import render
 from calib.report.plots.motion import trial_picture
 from calib.store import Header, Store, Trial, read
@@ -412,7 +412,7 @@ def _remarks(study: CalibrationStudy, point: BestPoint | None) -> list[str]:
     remarks = implausible_amplitudes(objective, point.evaluation.records, tables)
     for name in objective.scored:
         reference = objective.references[name]
-        if reference.excitation.periodic and "trigger" not in reference.nuisance:
+        if reference.excitation.periodic and not ("trigger" in reference.nuisance or is_response(reference.record)):
             freed = objective.with_free_trigger(name)(point.evaluation.records).cost
             if freed < MAX_FREE_TRIGGER_SHARE * cost:
                 remarks.append(

@@ -15,6 +15,7 @@ from calib.study_file import load
 from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.found_effect import apply_force
+from calib.workflows.time_records import check_time_records
 
 FORCE_PICTURE = "discovery.png"
 
@@ -57,7 +58,7 @@ def discover_study(
     CalibError : a mistake in the study file or the budget, or the study has not been calibrated
     """
     limit = Budget.of(budget)
-    file = load(path, jobs=jobs, out=out, pool=pool)
+    file = check_time_records(load(path, jobs=jobs, out=out, pool=pool), "discover")
     values = calibrated_values(file, file.folder)
     discovery = discover(
         file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,

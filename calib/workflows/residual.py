@@ -15,7 +15,7 @@ from calib.diagnosis.noise import MIN_LEVEL, RESIDUAL
 from calib.diagnosis.part import Part
 from calib.execution.pool import Failure
 from calib.objective import Objective
-from calib.records import OK, STATE, prescribed
+from calib.records import OK, STATE, is_response, prescribed
 from calib.records.cycles import IRREGULAR, kind_of_motion
 from calib.study import Evaluation
 from calib.study.result import ChannelResidual
@@ -35,7 +35,7 @@ def residuals_beside_noise(
     if not isinstance(evaluation, Evaluation) or evaluation.score.status != OK or evaluation.score.wrong:
         return ()
     found: list[ChannelResidual] = []
-    for name in objective.scored:
+    for name in (name for name in objective.scored if not is_response(objective.references[name].record)):
         beside = beside_simulation(objective, name, evaluation.records[name])
         if beside is not None:
             found += _compared(*beside)

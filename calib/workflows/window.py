@@ -30,6 +30,7 @@ from calib.study import result as calibration
 from calib.study_file import StudyFile, load
 from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
+from calib.workflows.time_records import check_time_records
 
 WINDOW_PICTURE = "window.png"
 WINDOW_FOLDER = "window"  # in that of the results: the ledger
@@ -78,7 +79,7 @@ def window_study(
     CalibError : a mistake in the study file, the study is not calibrated, an unknown term, or no window was found
     KeyboardInterrupt : stopped by Ctrl-C; the points evaluated until then are kept
     """
-    begin, file = time.monotonic(), load(path, jobs=jobs, out=out, pool=pool)
+    begin, file = time.monotonic(), check_time_records(load(path, jobs=jobs, out=out, pool=pool), "window")
     study, folder = file.study, file.folder
     start = study.space.point(calibrated_values(file, folder))
     tolerances, seed = _tolerances(file, folder, tolerance or {}), study.seed if seed is None else seed

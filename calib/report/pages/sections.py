@@ -6,10 +6,12 @@ import numpy as np
 import xarray as xr
 
 from calib.objective import CLOCK_RATE, misfit, squares_of
+from calib.records import is_response
 from calib.records.cycles import NOT_PERIODIC
 from calib.records.excitation import Excitation
 from calib.report.formatting import number, percent, quantity
 from calib.report.pages.picture import Picture, pictured
+from calib.report.plots.measured_response import response_over_frequency, response_residual
 from calib.report.plots.motion import histories, phase_curves
 from calib.report.plots.records import (
     aligned_simulation,
@@ -19,7 +21,7 @@ from calib.report.plots.records import (
     is_drawable,
 )
 from calib.report.plots.residuals import residual_over_phase, residual_structure
-from calib.report.record_description import standard_uncertainty
+from calib.report.record_description import response_text, standard_uncertainty
 from calib.study import CalibrationResult, CalibrationStudy
 from calib.units import MILLI
 
@@ -27,6 +29,14 @@ MAX_DRAWN_BODIES = 12  # bodies of a record with panels of their own; those of 5
 PHASE_CURVE = "Phase curves: velocity over displacement."
 HISTORY = "Time histories."
 IMPACTS = " Triangles and dashed lines mark impacts in the simulation."
+RESPONSE = (
+    "Amplitude and phase over the frequency of the excitation, a colour a level: measured points, and the stable "
+    "motions that sweeps of these levels and directions run through. Triangles point in the direction of the sweep."
+)
+RESPONSE_RESIDUAL = (
+    "Distance from each measured point to the nearest one of the simulated curve, in standard uncertainties: in "
+    "complex amplitude, and in frequency, where a fold of the simulation comes early or late."
+)
 OVER_PHASE = (
     "Residual, measured minus simulated, over the phase of the excitation: mean of the cycles, with a band of two "
     "standard errors on either side. Where the band does not include zero, the residual is not noise."
@@ -94,6 +104,7 @@ def record_section(
     """
     reference, held = study.objective.references[name], result.holdout.get(name)
     measured = reference.record
+    response = is_response(measured)
     failed, aligned = "", None
     if simulated is not None and is_drawable(simulated):
         aligned = aligned_simulation(study.objective, name, simulated)
@@ -102,19 +113,29 @@ def record_section(
     without = None if base is None or not is_drawable(base) else aligned_simulation(study.objective, name, base)
     impacts = IMPACTS if aligned is not None and impact_times(aligned).size else ""
     drawn, bound = _drawn_bodies(measured, aligned)
-    figures = [
-        pictured(phase_curves(drawn, aligned, without), f"loop-{name}", PHASE_CURVE + impacts + bound),
-        pictured(histories(drawn, aligned, without), f"history-{name}", HISTORY + impacts + bound),
-    ]
+    figures = (
+        [pictured(response_over_frequency(drawn, None if aligned is None else simulated), f"response-{name}", RESPONSE)]
+        if response
+        else [
+            pictured(phase_curves(drawn, aligned, without), f"loop-{name}", PHASE_CURVE + impacts + bound),
+            pictured(histories(drawn, aligned, without), f"history-{name}", HISTORY + impacts + bound),
+        ]
+    )
     residuals: list[Picture | None] = []
     if reference.use == "calibrate" and aligned is not None and simulated is not None:
-        residuals = _residuals(name, drawn, aligned, simulated, bound)
+        residuals = (
+            [pictured(response_residual(drawn, aligned), f"residual-{name}", RESPONSE_RESIDUAL + bound)]
+            if response
+            else _residuals(name, drawn, aligned, simulated, bound)
+        )
     return RecordSection(
         name=name,
         use=reference.use,
         source=str(measured.attrs.get("source", "")),
         warning=str(measured.attrs.get("warning", "")),
-        driven=excitation_text(reference.excitation, float(measured.attrs.get(CLOCK_RATE, 0.0))),
+        driven=response_text(measured)
+        if response
+        else excitation_text(reference.excitation, float(measured.attrs.get(CLOCK_RATE, 0.0))),
         noise=noise_text(measured),
         failed=failed,
         kind=None if held is None or held.kind == NOT_PERIODIC else held.kind,
@@ -184,6 +205,11 @@ def excitation_text(excitation: Excitation, clock_rate: float = 0.0) -> str:
 def noise_text(record: xr.Dataset) -> str:
     """Write the standard uncertainty that a record states of each channel (median over its samples); "" without any."""
     stated = []
+    if is_response(record):
+        if "response_sigma" in record:
+            rows = zip(record.body.values.tolist(), record["response_sigma"].values, strict=True)
+            stated = [f"response of {body} {quantity(float(np.median(own)), 'm', 2)}" for body, own in rows]
+        return f"stated standard uncertainty: {', '.join(stated)}" if stated else "no uncertainty stated"
     for body, channel in channel_pairs(record):
         sigma = standard_uncertainty(record, body, channel)
         if sigma is not None:

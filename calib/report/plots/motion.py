@@ -10,8 +10,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from calib.errors import CalibError
 from calib.objective import Objective
-from calib.records import STATE, channels, prescribed, stated_period
+from calib.records import STATE, channels, is_response, prescribed, stated_period
+from calib.report.plots.measured_response import response_over_frequency
 from calib.report.plots.records import (
     aligned_simulation,
     channel_axis,
@@ -187,6 +189,11 @@ def motions_of_records(motions: Mapping[str, tuple[xr.Dataset, xr.Dataset]]) -> 
 
     motions : name -> measured record and simulated one on the same time base
     """
+    responses = [name for name, (measured, _) in motions.items() if is_response(measured)]
+    if responses:
+        raise CalibError(
+            f"record {responses[0]!r} is a frequency response, which the report draws; name another record"
+        )
     loops = {name: _has_phase_curves(*pair) for name, pair in motions.items()}
     sizes = [
         _phase_curves_size(measured) if loops[name] else _histories_size(measured, simulated)
@@ -247,6 +254,8 @@ def trial_picture(trial: Trial, records: Mapping[str, xr.Dataset], objective: Ob
     scored = [n for n, r in objective.references.items() if r.use == "calibrate" and n in records]
     name = (scored or list(records))[0]
     measured, simulated = objective.references[name].record, records[name]
+    if is_response(measured):
+        return png(response_over_frequency(measured, simulated if is_drawable(simulated) else None))
     aligned = aligned_simulation(objective, name, simulated) if is_drawable(simulated) else None
     pairs = compared_channels(measured, aligned) if aligned is not None else channel_pairs(measured)
     body, channel = (pairs or channel_pairs(measured))[-1]

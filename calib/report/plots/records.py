@@ -23,7 +23,7 @@ def compared_channels(measured: xr.Dataset, simulated: xr.Dataset) -> list[tuple
 
 def is_drawable(record: xr.Dataset) -> bool:
     """Whether the simulation succeeded and has samples to draw."""
-    return record.attrs.get("status", OK) == OK and record.sizes.get("time", 0) > 1
+    return record.attrs.get("status", OK) == OK and max(record.sizes.get("time", 0), record.sizes.get("point", 0)) > 1
 
 
 def has_channels(record: xr.Dataset, body: str, *names: str) -> bool:

@@ -10,8 +10,9 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from calib.execution.files import whole
-from calib.records import STATE, channels, prescribed, stated_period
+from calib.records import STATE, channels, is_response, prescribed, stated_period
 from calib.records.cycles import impact
+from calib.report.plots.measured_response import response_picture
 from calib.report.plots.records import channel_axis, time_axis, two_periods
 from calib.report.plots.style import DPI, MARK, MEASURED, STYLE, TEXT_WIDTH, line, png, thin
 from calib.report.record_description import recorded_cycle, standard_uncertainty
@@ -27,6 +28,9 @@ def reference_picture(record: xr.Dataset, path: str | Path) -> None:
 
     record : channels (body, time) in SI
     """
+    if is_response(record):
+        response_picture(record, path)
+        return
     bodies, names = [str(b) for b in record.body.values], channels(record)
     cycle = recorded_cycle(record) if "velocity" in names else None
     loops = set(STATE) <= set(names)

@@ -1,0 +1,272 @@
+"""The response that a measured sweep would have met: what a sweep of its level and direction runs through.
+
+A sweep begins with the motion that Newton's method finds from rest, or, where that is not stable, with the one that a
+run settles to. At each measured frequency Newton's method begins at what the two before it extrapolate to; steps are
+halved where the motion bends. Where it loses its stability or grazes, the point is found by pseudo-arclength
+continuation, and the sweep goes on with what a run settles to from there.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+
+from calib.dynamics.branch import MAPS_KEPT, Branch, Special, follow
+from calib.dynamics.orbits import shoot
+from calib.dynamics.response import (
+    AMPLITUDE,
+    BEYOND_GRAZING,
+    FREQUENCY,
+    MAX_SUBHARMONIC,
+    harmonics_of_cycle,
+    sampled,
+)
+from calib.dynamics.setting import Setting
+from calib.dynamics.single_run import kind_of_run
+from calib.modelling.model import Model
+from calib.modelling.orbit import PeriodMap
+from calib.records import OK, failed
+from calib.records.excitation import Excitation
+from calib.records.response import make_response, sweeps
+
+WINDOW_MARGIN = 0.05  # beyond the measured frequencies of a sweep, over their range  [1]
+SINGLE_POINT_MARGIN = 0.01  # the same of a single point, over its frequency  [1]
+MAX_PIECES = 16  # stable stretches of one sweep
+MAX_HALVINGS = 5  # of a step between two frequencies
+MAX_BEND = 0.2  # distance of a motion from the extrapolated one, over that from the one before  [1]
+NEGLIGIBLE_BEND = 1e-3  # the same over the size of the motion  [1]
+MIN_SWEEP_STEP = 0.002  # between two frequencies, over the window  [1]
+MAX_END_POINTS = 60  # one way of the curve on which the end of a stretch is found
+MAX_SWEEP_CORRECTIONS = 8  # Newton steps at one frequency
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A stable stretch of one branch in the order swept, m cycles.
+
+    frequency (m,) [Hz]; states (m, dimension) of the section; periods of one return
+    """
+
+    frequency: np.ndarray
+    states: np.ndarray
+    periods: int
+
+
+@dataclass
+class SweptPath:
+    """Stretches that a sweep runs through, and what ends them.
+
+    Attributes
+    ----------
+    pieces : in the order swept
+    jumps : kind of the point and its frequency [Hz] at which each stretch but the last is left
+    reason : why nothing was followed, or ""
+    """
+
+    pieces: list[Piece] = field(default_factory=list)
+    jumps: list[tuple[str, float]] = field(default_factory=list)
+    reason: str = ""
+
+
+def swept_response(
+    model: Model, values: Mapping[str, float], excitation: Excitation, measured: xr.Dataset
+) -> xr.Dataset:
+    """Response that sweeps of the levels and directions of a measured one run through, beyond its ends by a margin.
+
+    Parameters
+    ----------
+    values : SI; the nominal value stands in for what they lack
+    excitation : its place and quantity count; frequency and level are those of the record
+    measured : frequency response, see `calib.records.response`
+
+    Returns
+    -------
+    response of the same sweeps, with the points of the continuation; `piece` (point,) numbers its stable stretches, and
+    the attribute `jumps` says where they end. A failed record where the motions of a sweep are not periodic.
+
+    Raises
+    ------
+    CalibError : an unknown parameter, or a simulator without a period map that samples its motion
+    """
+    first = replace(
+        excitation, frequency=float(measured["frequency"][0]), amplitude=float(measured["level"][0]), phase=0.0
+    )
+    setting = Setting(model, first, values)
+    bodies = sampled(setting, setting.map()).bodies
+    rows: dict[str, list[np.ndarray]] = {key: [] for key in ("frequency", "amplitude", "level", "sweep", "piece")}
+    directions, jumps, number = list[np.ndarray](), list[str](), 0
+    for sweep, points in sweeps(measured):
+        direction = float(measured["direction"][points[0]])
+        level = _level(measured["frequency"].values[points], measured["level"].values[points])
+        path = swept_path(partial(_map, setting, level), _stops(measured["frequency"].values[points], direction))
+        if path.reason:
+            return failed(bodies, "not periodic", f"sweep {sweep:g}: {path.reason}")
+        jumps += [f"sweep {sweep:g}: {kind} at {at:.9g} Hz" for kind, at in path.jumps]
+        for piece in path.pieces:
+            own = piece.frequency
+            pairs = zip(own.tolist(), piece.states, strict=True)
+            amplitude = [harmonics_of_cycle(setting, piece.periods, 1, f, level(f), x)[0][:, 1] for f, x in pairs]
+            rows["frequency"].append(own)
+            rows["amplitude"].append(np.array(amplitude).T)
+            rows["level"].append(np.array([level(f) for f in own.tolist()]))
+            rows["sweep"].append(np.full(own.size, sweep))
+            rows["piece"].append(np.full(own.size, float(number)))
+            directions.append(np.full(own.size, direction))
+            number += 1
+    joined = {key: np.concatenate(parts, axis=-1) for key, parts in rows.items()}
+    record = make_response(
+        joined["frequency"], bodies, joined["amplitude"], joined["level"], str(measured["level"].attrs["units"]),
+        joined["sweep"], np.concatenate(directions), jumps="; ".join(jumps),
+        source=f"simulated by {model.simulator.name}",
+    )  # fmt: skip
+    return record.assign(piece=("point", joined["piece"]))
+
+
+def _level(frequency: np.ndarray, level: np.ndarray) -> Callable[[float], float]:
+    """Amplitude of the excitation at a frequency, linear between those measured."""
+    order = np.argsort(frequency, kind="stable")
+    known, values = frequency[order], level[order]
+    return lambda at: float(np.interp(at, known, values))
+
+
+def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:
+    """Frequencies (n,) at which a sweep stops, in its direction: those measured, and one beyond either end."""
+    low, high = float(frequency.min()), float(frequency.max())
+    margin = WINDOW_MARGIN * (high - low) or SINGLE_POINT_MARGIN * high
+    low, high = max(low - margin, 0.5 * low), high + margin
+    stops = [low]
+    for own in np.unique(frequency).tolist():
+        if min(own - stops[-1], high - own) > MIN_SWEEP_STEP * (high - low):
+            stops.append(own)
+    return np.array([*stops, high])[:: int(direction)]
+
+
+def _map(setting: Setting, level: Callable[[float], float], frequency: float) -> PeriodMap:
+    return setting.map({FREQUENCY: frequency, AMPLITUDE: level(frequency)})
+
+
+def swept_path(maps: Callable[[float], PeriodMap], stops: np.ndarray) -> SweptPath:
+    """Path of a sweep.
+
+    maps : the map at a frequency
+    stops : frequencies (n,), n >= 2, that rise or fall  [Hz]
+    """
+    return _Sweep(maps, stops).path
+
+
+class _Sweep:
+    """A sweep on its way."""
+
+    def __init__(self, maps: Callable[[float], PeriodMap], stops: np.ndarray) -> None:
+        self.maps, self.stops, self.path = lru_cache(MAPS_KEPT)(maps), stops, SweptPath()
+        self.direction, self.width = float(np.sign(stops[-1] - stops[0])), float(np.ptp(stops))
+        found = self._begin(float(stops[0]))
+        while found is not None and len(self.path.pieces) < MAX_PIECES:
+            found = self._stretch(*found)
+        if self.path.pieces:
+            self.path.reason = ""
+
+    def _begin(self, frequency: float) -> tuple[float, np.ndarray, int] | None:
+        map = self.maps(frequency)
+        cycle = shoot(map, map.initial)
+        if cycle.converged and cycle.stable:
+            return frequency, cycle.state, 1
+        return self._settled(frequency, map.initial)
+
+    def _settled(self, frequency: float, state: np.ndarray) -> tuple[float, np.ndarray, int] | None:
+        """Go on to the next frequency at which a run settles to a periodic motion; None where there is none."""
+        while self.direction * (self.stops[-1] - frequency) >= 0.0:
+            kind = kind_of_run(self.maps(frequency), state)
+            if kind.status != OK:
+                self.path.reason = f"the motion at {frequency:.6g} Hz fails ({kind.evidence})"
+                return None
+            if 0 < kind.period <= MAX_SUBHARMONIC:
+                return frequency, kind.state, kind.period
+            self.path.reason = f"the motion at {frequency:.6g} Hz is {kind.kind}"
+            ahead = self._next_stop(frequency)
+            if ahead is None:
+                return None
+            frequency, state = ahead, kind.state
+        return None
+
+    def _next_stop(self, frequency: float) -> float | None:
+        ahead = self.stops[self.direction * (self.stops - frequency) > 0.0]
+        return float(ahead[0]) if ahead.size else None
+
+    def _stretch(self, frequency: float, state: np.ndarray, periods: int) -> tuple[float, np.ndarray, int] | None:
+        """Follow a stable motion to its end; return from where the sweep goes on, None at the end of the window."""
+        known, states = [frequency], [state]
+        while (stop := self._next_stop(known[-1])) is not None:
+            for halving in range(MAX_HALVINGS + 1):
+                ahead = known[-1] + 0.5**halving * (stop - known[-1])
+                reached = self._reached(ahead, known, states, periods)
+                if reached is not None:
+                    known.append(ahead)
+                    states.append(reached)
+                    break
+            else:
+                return self._ended(known, states, periods)
+        self.path.pieces.append(Piece(np.array(known), np.array(states), periods))
+        return None
+
+    def _reached(self, ahead: float, known: list[float], states: list[np.ndarray], periods: int) -> np.ndarray | None:
+        """Stable motion at a frequency, on the branch of those before; None where it is not reached in one step."""
+        map, guess = self.maps(ahead), states[-1]
+        if len(known) > 1:
+            guess = guess + (ahead - known[-1]) / (known[-1] - known[-2]) * (states[-1] - states[-2])
+        cycle = shoot(map, guess, periods, MAX_SWEEP_CORRECTIONS)
+        if not (cycle.converged and cycle.stable):
+            return None
+        bend, moved, size = (np.abs(x / map.scale).max() for x in (
+            cycle.state - guess, cycle.state - states[-1], cycle.state))  # fmt: skip
+        straight = len(known) == 1 or bend <= MAX_BEND * moved + NEGLIGIBLE_BEND * size
+        return cycle.state if straight else None
+
+    def _ended(
+        self, known: list[float], states: list[np.ndarray], periods: int
+    ) -> tuple[float, np.ndarray, int] | None:
+        """Find the point at which a stretch ends, and what the sweep goes on with beyond it."""
+        at, state = known[-1], states[-1]
+        reach = self.width / len(self.stops)
+        extent = max(1.0, float(np.abs(state / self.maps(at).scale).max()))
+        branch = follow(self.maps, state, at, (at - reach, at + reach), periods, MAX_END_POINTS, extent)
+        kind, onward = "loss", _onward(branch, at, self.direction)
+        for before, index in pairwise(onward.tolist()):
+            special = next((point for point in branch.points if point.index in (before, index)), None)
+            if special is None and branch.stable[index]:
+                known.append(float(branch.parameter[index]))
+                states.append(branch.states[index])
+                continue
+            break
+        special = _first_special(branch, onward)
+        if special is not None and self.direction * (special.parameter - known[-1]) >= 0.0:
+            kind = special.kind
+            known.append(special.parameter)
+            states.append(special.state)
+        self.path.pieces.append(Piece(np.array(known), np.array(states), branch.periods))
+        ahead = known[-1] + self.direction * BEYOND_GRAZING * self.width
+        if special is None and onward.size > 1 and branch.stable[onward].all():
+            return known[-1], states[-1], branch.periods  # it only bends: on from there
+        self.path.jumps.append((kind, known[-1]))
+        return self._settled(ahead, states[-1])
+
+
+def _first_special(branch: Branch, onward: np.ndarray) -> Special | None:
+    """Point that a sweep meets first along a curve."""
+    place = {index: i for i, index in enumerate(onward.tolist())}
+    met = [point for point in branch.points if point.index in place]
+    return min(met, key=lambda point: place[point.index], default=None)
+
+
+def _onward(branch: Branch, frequency: float, direction: float) -> np.ndarray:
+    """Places of a curve's points from where it was begun, in the direction of the sweep."""
+    if not branch.parameter.size:
+        return np.zeros(0, dtype=int)
+    begin = int(np.argmin(np.abs(branch.parameter - frequency)))
+    for order in (np.arange(begin, branch.parameter.size), np.arange(begin, -1, -1)):
+        if len(order) > 1 and direction * (branch.parameter[order[1]] - branch.parameter[begin]) > 0.0:
+            return order
+    return np.array([begin])

@@ -1,0 +1,57 @@
+"""A frequency response beside a measured one, by the distance between curves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError
+from calib.records import is_response
+from calib.records.response import PARTS, complex_amplitude, tolerances
+
+CHANNELS = ("frequency", *PARTS)
+
+
+@dataclass(frozen=True)
+class ResponseDistance:
+    """Distance of each measured point from the curve that a sweep of its level and direction runs through.
+
+    With F the frequency and H the complex amplitude of a body, r^2 = (dF / sigma_F)^2 + sum |dH|^2 / sigma_H^2 from a
+    measured point to the nearest one of the simulated curve, its ends at folds and grazings included: orthogonal
+    distance regression. A fold that comes early is a distance in frequency there, not a jump in amplitude. The
+    distance of a term is the rms of r over that of |H| / sigma_H: responses 10 % too large score about 0.1 / sqrt(3).
+
+    Source: Boggs, Byrd, Schnabel, SIAM Journal on Scientific and Statistical Computing 8 (1987) 1052-1078.
+    """
+
+    name = "frequency_response"
+    unit = "Hz, m"
+    channels = PARTS
+
+    def __call__(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> xr.DataArray:
+        """Return frequency and parts (body, channel, point), with what each is known to as coordinate `tolerance`."""
+        if not is_response(record):
+            raise CalibError("frequency_response compares frequency responses, and this record is over time")
+        names = list(bodies or record.variables["body"].values.tolist())
+        rows = [record.variables["body"].values.tolist().index(name) for name in names]
+        of_frequency, of_parts = tolerances(record)
+        of_parts = of_parts[rows]
+        ratio = np.sqrt(np.mean(np.abs(complex_amplitude(record)[rows] / of_parts) ** 2))
+        shared = np.sqrt(len(names)) * np.broadcast_to(of_frequency, of_parts.shape)  # one frequency, each body's row
+        tolerance = float(ratio) * np.stack([shared, of_parts, of_parts], axis=1)
+        dims = ("body", "channel", "point")
+        coords = {"body": names, "channel": list(CHANNELS), "tolerance": (dims, tolerance)}
+        return xr.DataArray(self.values(record, names), dims=dims, coords=coords)
+
+    def values(self, record: xr.Dataset, bodies: Sequence[str] | None = None) -> np.ndarray:
+        """Return the same as a bare array, without the tolerances."""
+        names = record.variables["body"].values.tolist()
+        rows = [names.index(name) for name in bodies or names]
+        frequency = record.variables["frequency"].values
+        parts = [record.variables[part].values[rows] for part in PARTS]
+        return np.stack([np.broadcast_to(frequency, parts[0].shape), *parts], axis=1)
+
+    def scale(self, reference: xr.DataArray) -> xr.DataArray:
+        """Uncertainty of each value (body, channel, point), times the rms ratio of amplitude to uncertainty."""
+        return reference["tolerance"].reset_coords(drop=True)
