@@ -12,13 +12,13 @@ from calib.objective.prepared_reference import Pairs, SensedRecord
 from calib.objective.scalar_features import FeatureValue, Scalar, compared
 from calib.objective.terms import Reference, Term
 from calib.records import OK
-from calib.records.cycles import NOT_PERIODIC, MotionKind
+from calib.records.cycles import SWEPT, MotionKind
 from calib.records.response import complex_amplitude, sweeps, tolerances
 
 SAMPLES_PER_INTERVAL = 16  # of the curve between two of its points, where the nearest one is sought
 MAX_FOOT_STEPS = 6  # of Newton's method to the nearest point of the curve
 MIN_SPLINE_POINTS = 4  # fewer are joined by straight lines
-KIND = MotionKind(NOT_PERIODIC, None, "the response to a sweep has no single motion")
+KIND = MotionKind(SWEPT, None, "the response to a sweep has no single motion")
 
 
 class PreparedResponse:

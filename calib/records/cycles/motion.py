@@ -22,6 +22,8 @@ LIMITS_OF_RECORD = "; a record alone does not distinguish chaotic from quasi-per
 MIN_SHRINKING_DIFFERENCES = 6  # count: fewer show no trend
 BESIDE_ATTRIBUTE = "beside"  # attribute of a simulated record: what is known of other motions at the same parameters
 IRREGULAR, UNDECIDED, NO_CONTACT, NOT_PERIODIC = "irregular", "undecided", "no contact", "not periodic"
+SWEPT = "a sweep"  # the motions of a frequency response, which are many
+WITHOUT_KIND = (NOT_PERIODIC, SWEPT)
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class MotionKind:
     Attributes
     ----------
     kind : "period-1" (2, ...), "irregular", "undecided", "no contact" (only of a record that lists its contacts) or
-        "not periodic" (the excitation has no period)
+        "not periodic" (the excitation has no period) or "a sweep" (of a frequency response, whose motions are many)
     period : periods of the excitation after which the motion returns, None where that is not known
     evidence : one sentence with the numbers on which the kind was decided
     recurrence : difference of the states n = 1, 2, ... periods apart, as a share of the amplitude; up to the period

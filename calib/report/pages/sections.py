@@ -7,7 +7,7 @@ import xarray as xr
 
 from calib.objective import CLOCK_RATE, misfit, squares_of
 from calib.records import is_response
-from calib.records.cycles import NOT_PERIODIC
+from calib.records.cycles import WITHOUT_KIND
 from calib.records.excitation import Excitation
 from calib.report.formatting import number, percent, quantity
 from calib.report.pages.picture import Picture, pictured
@@ -138,7 +138,7 @@ def record_section(
         else excitation_text(reference.excitation, float(measured.attrs.get(CLOCK_RATE, 0.0))),
         noise=noise_text(measured),
         failed=failed,
-        kind=None if held is None or held.kind == NOT_PERIODIC else held.kind,
+        kind=None if held is None or held.kind in WITHOUT_KIND else held.kind,
         misfit=percent(None if held is None else held.misfit, 3),
         score=None if held is None else held.score,
         pictures=tuple(picture for picture in figures if picture is not None),

@@ -6,7 +6,7 @@ from typing import Literal
 from calib.objective import MISFIT
 from calib.objective.objective import MAX_AGREEMENT_DISTANCE
 from calib.records import OK
-from calib.records.cycles import NOT_PERIODIC
+from calib.records.cycles import NOT_PERIODIC, SWEPT, WITHOUT_KIND
 from calib.report.formatting import capitalised, count, number, percent
 from calib.report.pages.tables import unreachable
 from calib.study import CalibrationResult
@@ -103,6 +103,8 @@ def residual_sentences(result: CalibrationResult) -> list[str]:
 def _kind_of_motion(motion: MotionSummary) -> list[str]:
     if not motion.kind:
         return []
+    if motion.kind == SWEPT:
+        return []
     if motion.kind == NOT_PERIODIC:
         return ["Kinds of motion do not apply: the simulation is no steady motion under a periodic excitation."]
     if motion.wrong:
@@ -134,7 +136,7 @@ def _held_out(result: CalibrationResult) -> list[str]:
         if held.status != OK:
             parts.append(f"{name} failed ({held.status})")
         else:
-            kind = f" ({held.kind})" if held.kind not in (None, "", NOT_PERIODIC) else ""
+            kind = f" ({held.kind})" if held.kind not in (None, "", *WITHOUT_KIND) else ""
             parts.append(f"{name} {percent(held.misfit, 3)}{kind}")
     return [f"Misfit of the records held out: {'; '.join(parts)} ({MISFIT})."] if parts else []
 

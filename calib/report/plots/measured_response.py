@@ -1,6 +1,7 @@
 """A measured frequency response and its simulation: amplitude, phase and residual over frequency, a colour a sweep."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -105,7 +106,9 @@ def _points(
     markers = _markers(measured)
     sigma = measured["response_sigma"].sel(body=body).values if "response_sigma" in measured else None
     for sweep, points in sweeps(measured):
-        look = {"color": colours[sweep], "marker": markers[sweep], "markersize": 3.5, "linestyle": "none"}
+        look: dict[str, Any] = {
+            "color": colours[sweep], "marker": markers[sweep], "markersize": 3.5, "linestyle": "none",
+        }  # fmt: skip
         half = None if sigma is None else BAR_SIGMAS * scale * sigma[points]
         upper.errorbar(frequency[points], scale * np.abs(own[points]), half, elinewidth=0.6, **look)
         lower.plot(frequency[points], _phase(own[points]), **look)
