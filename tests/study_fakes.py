@@ -56,6 +56,7 @@ class Reference:
     request: Request = field(default_factory=Request)
     use: str = "calibrate"
     frees_initial_state: bool = False
+    is_swept: bool = False
 
 
 @dataclass

@@ -42,7 +42,7 @@ def _noisy(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
     for channel in channels(record):
         values = record[channel]
         stated = [name for name in (f"{channel}_sigma", "response_sigma") if name in record]
-        size = record[stated[0]] if stated else UNSTATED_NOISE_SHARE * values.std(values.dims[-1])
+        size = record[stated[0]] if stated else UNSTATED_NOISE_SHARE * values.std(str(values.dims[-1]))
         sizes = size.variable.set_dims(values.sizes).transpose(*values.dims).values
         changed[channel] = values.copy(data=values.values + rng.standard_normal(values.shape) * sizes)
     return record.assign(changed)

@@ -119,7 +119,7 @@ def sample_posterior(
     CalibError : nautilus is not installed
     """
     live = live_points or _live_points(dim)
-    foreseen = expected_evaluations(dim, compression)
+    foreseen = expected_evaluations(dim, compression, live)
     evaluated = 0
 
     def likelihood(points: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ def sample_posterior(
         prior, likelihood, n_dim=dimensions, n_live=live, n_batch=BATCH, n_networks=NETWORKS, vectorized=True,
         neural_network_kwargs=TRAINING, pass_dict=False, seed=seed,
     )  # fmt: skip
-    most = MAX_EVALUATIONS_RATIO * expected_evaluations(dim)
+    most = MAX_EVALUATIONS_RATIO * expected_evaluations(dim, live_points=live)
     complete = sampler.run(f_live=REMAINING_EVIDENCE, n_eff=EFFECTIVE_SIZE, n_like_max=most, discard_exploration=False)
     points, log_weights, logarithms = (np.asarray(own) for own in sampler.posterior())
     chosen = _equally_weighted(np.exp(log_weights), round(float(sampler.n_eff)), seed)
@@ -157,14 +157,16 @@ def _equally_weighted(weights: np.ndarray, number: int, seed: int) -> np.ndarray
     return np.random.default_rng(seed).permutation(np.minimum(chosen, weights.size - 1))
 
 
-def expected_evaluations(dim: int, compression: float | None = None) -> int:
+def expected_evaluations(dim: int, compression: float | None = None, live_points: int | None = None) -> int:
     """Evaluations that a posterior distribution of so many parameters takes, roughly.
 
     compression : logarithm of the prior's volume over the posterior's; None: not known
+    live_points : None: by the number of parameters
     """
     if compression is None:
         compression = COMPRESSION_PER_PARAMETER * dim
-    return round(EVALUATIONS_PER_LIVE_POINT * max(compression, 1.0) * _live_points(dim) / BATCH) * BATCH
+    live = live_points or _live_points(dim)
+    return round(EVALUATIONS_PER_LIVE_POINT * max(compression, 1.0) * live / BATCH) * BATCH
 
 
 def _live_points(dim: int) -> int:

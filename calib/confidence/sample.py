@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Hashable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,11 @@ from calib.confidence.likelihood import LEVEL
 from calib.confidence.modes import separate_modes
 from calib.confidence.posterior import Posterior
 from calib.confidence.prior import Prior
+from calib.errors import CalibError
+from calib.execution.apart import read_apart
 from calib.execution.files import whole
+from calib.execution.interrupt import uninterrupted
+from calib.execution.netcdf import UNREADABLE
 from calib.modelling.parameter import Space
 from calib.records import OK
 from calib.units import shown
@@ -117,6 +122,25 @@ def write_posterior(
         for name, content in groups.items():
             encoding: dict[Hashable, dict[str, Any]] = {one: SINGLE_PRECISION for one in content.data_vars}
             content.to_netcdf(temporary, mode="a", group=name, engine="netcdf4", encoding=encoding)
+
+
+def check_posterior(path: Path) -> None:
+    """Check that a file holds a sample.
+
+    Raises
+    ------
+    CalibError : it does not, or cannot be read
+    """
+    try:
+        with uninterrupted():
+            read_apart(partial(_stored_sample, path), path)
+    except UNREADABLE as error:
+        raise CalibError(f"{path}: not a readable sample ({error}); it may be truncated") from error
+
+
+def _stored_sample(path: Path) -> xr.Dataset:
+    with xr.open_dataset(path, group="posterior", engine="netcdf4") as stored:
+        return stored.load()
 
 
 def write_ensemble(path: Path, space: Space, units: Mapping[str, str], posterior: Posterior) -> None:

@@ -91,6 +91,11 @@ class Reference:
         """Whether the initial state is one of the nuisances."""
         return INITIAL_STATE in self.nuisance
 
+    @property
+    def is_swept(self) -> bool:
+        """Whether it is a frequency response, and none over time."""
+        return is_response(self.record)
+
     def _check_nuisance(self, nuisance: str) -> None:
         if nuisance not in NUISANCES:
             hint = nearest(nuisance, NUISANCES)

@@ -15,7 +15,6 @@ from calib.execution.pool import Failure
 from calib.modelling.model import Model
 from calib.modelling.parameter import values_for
 from calib.objective import Objective, Score, simulations
-from calib.records import is_response
 from calib.store import Trial
 from calib.store.trial import one_line
 from calib.study.contracts import Outcome
@@ -86,7 +85,7 @@ def simulated(model: Model, objective: Objective, name: str, values: Mapping[str
     reference, own = objective.references[name], values_for(values, name)
     if reference.frees_initial_state:
         return objective.released(name, model, own).record
-    if is_response(reference.record):
+    if reference.is_swept:
         return swept_response(model, own, reference.excitation, reference.record)
     return stationary_record(model, own, reference.excitation, reference.request)
 

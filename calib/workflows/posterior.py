@@ -17,7 +17,14 @@ from calib.confidence.likelihood import AdjustedLikelihood
 from calib.confidence.notes import PointNotes
 from calib.confidence.posterior import Posterior, expected_evaluations
 from calib.confidence.profile import Centre
-from calib.confidence.sample import posterior_result, prior_in_words, values_of, write_ensemble, write_posterior
+from calib.confidence.sample import (
+    check_posterior,
+    posterior_result,
+    prior_in_words,
+    values_of,
+    write_ensemble,
+    write_posterior,
+)
 from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.netcdf import read_dataset
@@ -143,10 +150,10 @@ def damage_of_sample(folder: Path, name: str) -> str:
     path = folder / name
     if not path.is_file():
         return f"{path} is missing: sample the posterior distribution again, with --posterior"
-    if path.suffix != ".nc":
-        return ""
+    checks = {POSTERIOR: check_posterior, PREDICTIVE: read_dataset}
     try:
-        read_dataset(path)
+        if name in checks:
+            checks[name](path)
     except CalibError as error:
         return f"{path} is damaged: sample the posterior distribution again, with --posterior ({error})"
     return ""

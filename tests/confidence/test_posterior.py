@@ -72,7 +72,7 @@ def test_a_banana_has_its_evidence_mean_and_spread():
 @pytest.mark.slow
 def test_a_sampling_that_reaches_its_limit_ends_and_says_so(monkeypatch):
     monkeypatch.setattr(posterior, "MAX_EVALUATIONS_RATIO", 0.15)
-    limit = 0.15 * expected_evaluations(2)
+    limit = 0.15 * expected_evaluations(2, live_points=LIVE_POINTS)
     found = sample_posterior(
         stats.multivariate_normal([0.4, 0.6], 0.01**2 * np.eye(2)).logpdf, same, 2, seed=1, live_points=LIVE_POINTS
     )
