@@ -2,6 +2,7 @@
 
 import json
 import math
+import random
 import re
 import shutil
 import signal
@@ -10,9 +11,11 @@ import sys
 import time
 
 import pytest
+import xarray as xr
 from child_environment import environment
 from click.testing import CliRunner
 from echo_study import NOISE, TRUTH, bench, write_study
+from kills import KILLS
 from undrawn import undrawn
 
 from calib import records
@@ -264,6 +267,44 @@ def test_the_posterior_distribution_is_sampled_and_goes_on_where_it_was_stopped(
     assert read_confidence(folder / "out").posterior is None
     for name in ("posterior.nc", "posterior.png", "predictive.nc", "predictive.png", "ensemble.csv"):
         assert not (folder / "out" / name).exists()
+
+
+SAMPLED = """
+from calib.confidence import posterior
+for name, value in {few}.items():
+    setattr(posterior, name, value)
+from calib.cli import main
+main()
+"""
+
+
+@pytest.mark.slow
+def test_random_kills_of_a_posterior_end_in_the_same_samples(profiled, tmp_path):
+    command = [sys.executable, "-c", SAMPLED.format(few=FEW)]
+    folders = tmp_path / "whole", tmp_path / "killed"
+    for folder in folders:
+        shutil.copytree(profiled[0], folder)
+    whole, killed = ([*command, "confidence", str(folder), "--posterior", "-q"] for folder in folders)
+    subprocess.run(whole, env=environment(), check=True)
+    needed = (folders[0] / "out" / "confidence.jsonl").read_bytes().count(b'"evaluation/')
+    notes, rng = folders[1] / "out" / "confidence.jsonl", random.Random(1)
+    for kill in range(KILLS):
+        until = rng.randint(needed * kill // KILLS, needed * (kill + 1) // KILLS - 60)
+        process = subprocess.Popen(killed, env=environment(), stderr=subprocess.DEVNULL)
+        while notes.read_bytes().count(b'"evaluation/') < until:
+            assert process.poll() is None, "the run ended before it was killed"
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.05))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    subprocess.run(killed, env=environment(), check=True)
+    assert notes.read_bytes().count(b'"evaluation/') == needed  # none was made twice
+    one, other = (read_confidence(folder / "out") for folder in folders)
+    assert numbers(one) == numbers(other)
+    for group in ("posterior", "sample_stats", "posterior_predictive"):
+        first, second = (xr.load_dataset(folder / "out" / "posterior.nc", group=group) for folder in folders)
+        xr.testing.assert_identical(first, second)
+    assert (folders[0] / "out" / "ensemble.csv").read_bytes() == (folders[1] / "out" / "ensemble.csv").read_bytes()
 
 
 @pytest.mark.slow
