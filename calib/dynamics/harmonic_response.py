@@ -283,9 +283,8 @@ class _SeriesSearch:
 
     def _both_ways(self, curve: _SeriesCurve, start: _Motion) -> tuple[list[_Motion], list[Special], tuple[str, str]]:
         onward = run(curve, start, self.most)
-        marks = [(index, mark) for index, mark in onward.marks]
         if onward.reason == CLOSED:
-            return onward.points, self._specials(curve, marks), (CLOSED, CLOSED)
+            return onward.points, self._specials(curve, onward.marks), (CLOSED, CLOSED)
         back = run(curve, start._replace(tangent=-start.tangent), self.most)
         shift = len(back.points) - 1
         marks = [(shift - index, mark) for index, mark in back.marks[::-1]]
