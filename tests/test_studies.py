@@ -57,9 +57,13 @@ def test_records_held_out_reveal_a_contact_that_yields_beside_a_wider_gap_or_a_l
     assert found["verdict"] == "one_of"
     assert {"gap_offset", "compliant_contact"} in [set(names) for names in found["class"]]
     assert all("compliant_contact" in names for names in found["class"])
-    assert "plot_scale" not in found["causes"]
-    assert found["parameters"]["contact_time"]["after"] == pytest.approx(5.15e-4, rel=0.05)
-    assert found["parameters"]["dg"]["after"] == pytest.approx(2.1e-5, rel=0.2)
+    assert found["causes"] == []
+    sizes = {name: size["after"] for name, size in found["parameters"].items() if size["before"] is None}
+    assert sizes.pop("contact_time") == pytest.approx(5.15e-4, rel=0.05)
+    # a gap of 1 mm that is 0.021 mm wider, or all else larger by as much: the data do not say which is reported
+    scaled = {"dg": sizes["dg"] / 1e-3} if "dg" in sizes else sizes
+    assert scaled
+    assert list(scaled.values()) == pytest.approx([0.021] * len(scaled), rel=0.2)
     names = ("louder", "slower")
     floor = noise_of([read(STUDIES.parent / "experiments_ref" / "clapping_minimal" / f"{n}.nc") for n in names])
     assert found["gain"]["before"] > 1.9 * floor
