@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.confidence.constrained import FittedPoint
 from calib.confidence.likelihood import AdjustedLikelihood
-from calib.confidence.sampler_package import nautilus
+from calib.confidence.sampler_package import nested_sampler
 from calib.objective.objective import MAX_LINEAR_DISTANCE, MIN_COST_OF_WRONG_KIND
 
 MIN_LIVE_POINTS, LIVE_POINTS_PER_PARAMETER = 200, 50  # of the sampler  [count]
@@ -135,7 +135,7 @@ def sample_posterior(
         return points
 
     dimensions = max(dim, 2)  # nautilus takes two at least: a single parameter has an idle one beside it
-    sampler = nautilus().Sampler(
+    sampler = nested_sampler()(
         prior, likelihood, n_dim=dimensions, n_live=live, n_batch=BATCH, n_networks=NETWORKS, vectorized=True,
         neural_network_kwargs=TRAINING, pass_dict=False, seed=seed,
     )  # fmt: skip

@@ -54,6 +54,21 @@ def test_two_modes_have_their_weights():
 
 
 @pytest.mark.slow
+def test_the_exploration_of_a_ridge_ends_beside_a_narrow_mode_of_which_few_points_are_known():
+    """The ridge depends on one parameter of three; shells inside shells of it never lessened the share of the other."""
+    ridge = stats.norm(0.5, 0.02)
+    mode = stats.multivariate_normal([0.8, 0.3, 0.6], np.diag([0.008, 0.06, 0.06]) ** 2)
+
+    def mixture(points):
+        return np.logaddexp(math.log(0.85) + ridge.logpdf(points[:, 0]), math.log(0.15) + mode.logpdf(points))
+
+    found = sample_posterior(mixture, same, 3, seed=3, live_points=100)
+    assert found.complete
+    assert np.mean(found.points[:, 0] > 0.65) == pytest.approx(0.15, abs=0.05)
+    assert found.log_evidence == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.slow
 def test_a_banana_has_its_evidence_mean_and_spread():
     """A normal distribution with a bend, whose Jacobian is 1; 0.1 % of it are outside the window."""
 
