@@ -1,4 +1,6 @@
 import ctypes
+import subprocess
+import sys
 import time
 import warnings
 
@@ -31,6 +33,23 @@ def test_a_write_that_fails_leaves_the_old_file_alone(tmp_path):
         write(swing(bad=None), tmp_path / "r.nc")
     assert read(tmp_path / "r.nc").identical(swing())
     assert [p.name for p in tmp_path.iterdir()] == ["r.nc"]
+
+
+def test_what_reads_files_is_imported_once_not_in_each_process_that_is_forked_for_one(tmp_path):
+    """In a process that has read none: xarray imports some 300 modules as it reads its first."""
+    write(swing(), tmp_path / "r.nc")
+    lines = [
+        "import sys; from calib.execution import netcdf; from calib.records import read",
+        "netcdf.apart_before = netcdf.read_apart",
+        "def counted(call, path):",
+        "    before = len(sys.modules); call(); print(len(sys.modules) - before)",
+        "    return netcdf.apart_before(call, path)",
+        "netcdf.read_apart = counted; read(sys.argv[1])",
+    ]
+    ran = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines), tmp_path / "r.nc"], capture_output=True, text=True, check=True
+    )
+    assert int(ran.stdout) < 20
 
 
 def test_a_truncated_file_is_named(tmp_path):
