@@ -295,7 +295,9 @@ def _fold(point: StabilityPoint, _: StabilityPoint) -> float:
 
 
 def _branching(point: StabilityPoint, base: StabilityPoint) -> float:
-    return float(np.linalg.det(np.vstack([point.matrix, base.tangent])))
+    """Determinant of the matrix with the tangent at `base`, over its modulus there: of many unknowns it overflows."""
+    own, reference = (np.linalg.slogdet(np.vstack([one.matrix, base.tangent])) for one in (point, base))
+    return float(own.sign * np.exp(own.logabsdet - (reference.logabsdet if reference.sign else 0.0)))
 
 
 def _flip(point: StabilityPoint, _: StabilityPoint) -> float:

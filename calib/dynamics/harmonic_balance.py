@@ -143,6 +143,28 @@ class HarmonicBalance:
         multipliers = np.linalg.eigvals(product[0]).astype(complex)
         return multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
 
+    def left_out(self, y: np.ndarray, omega: float, amplitude: float) -> float:
+        """Velocity of the bodies by the harmonics above H over that by those up to H, both rms  [1].
+
+        To first order: by the forces of those harmonics along the motion, which do not see what they add to it. That is
+        seen in the velocity sooner than in the displacement, and forces may depend on either.
+        """
+        system = self.system
+        forces = self.forces(y, omega, amplitude, derivatives=False).value
+        above = np.fft.rfft(forces, axis=-1)[:, self.harmonics + 1 :] * (2.0 / self.phase.size)
+        order = omega * np.arange(self.harmonics + 1, self.phase.size // 2 + 1)
+        impedance = system.stiffness[:, None] - order**2 + 2j * system.rate[:, None] * order
+        added = order * (system.bodies.shape @ (system.gain @ above / impedance))
+        size = float(np.linalg.norm(omega * self.slope(self.bodies(y, amplitude))))
+        return float(np.linalg.norm(added)) / size if size > 0.0 else 0.0
+
+    def of_bodies(self, series: np.ndarray, amplitude: float) -> np.ndarray:
+        """Coefficients (n, 2 H + 1) of the modes whose bodies have the `series` (body, 2 H + 1), as `bodies` gives."""
+        own = series.copy()
+        own[:, 0] -= self.system.bodies.mean
+        own[:, 1] -= self.system.bodies.drive * amplitude
+        return np.linalg.lstsq(self.system.bodies.shape, own, rcond=None)[0]
+
     def bodies(self, y: np.ndarray, amplitude: float) -> np.ndarray:
         """Coefficients (body, 2 H + 1) of the displacement of every body  [m]."""
         bodies = self.system.bodies
@@ -166,6 +188,13 @@ class HarmonicBalance:
         """Complex amplitudes (..., H + 1), the mean first: the real part of the sum of H_k exp(i k tau)."""
         mean = coefficients[..., :1].astype(complex)
         return np.concatenate([mean, coefficients[..., 1::2] - 1j * coefficients[..., 2::2]], axis=-1)
+
+    def series(self, amplitudes: np.ndarray) -> np.ndarray:
+        """Coefficients (..., 2 H + 1) of complex amplitudes (..., H + 1), the inverse of `complex_amplitudes`."""
+        whole = np.empty((*amplitudes.shape[:-1], self.size))
+        whole[..., 0] = amplitudes[..., 0].real
+        whole[..., 1::2], whole[..., 2::2] = amplitudes[..., 1:].real, -amplitudes[..., 1:].imag
+        return whole
 
     def _linear(self, y: np.ndarray, omega: float) -> np.ndarray:
         system = self.system

@@ -1,9 +1,10 @@
 """The response that a measured sweep would have met: what a sweep of its level and direction runs through.
 
 A sweep begins with the motion that Newton's method finds from rest, or, where that is not stable, with the one that a
-run settles to. At each measured frequency Newton's method begins at what the two before it extrapolate to; steps are
-halved where the motion bends. Where it loses its stability or grazes, the point is found by pseudo-arclength
-continuation, and the sweep goes on with what a run settles to from there.
+run settles to. Where the simulator tells its modal system, the motion is followed by harmonic balance as far as that
+describes it (`calib.dynamics.swept_series`). Otherwise, at each measured frequency Newton's method begins at what the
+two before it extrapolate to; steps are halved where the motion bends, and where it loses its stability or grazes, the
+point is found by pseudo-arclength continuation. The sweep goes on with what a run settles to from there.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,6 +27,7 @@ from calib.dynamics.response import (
 )
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import kind_of_run
+from calib.dynamics.swept_series import SeriesSweep, modal_system
 from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK, failed
@@ -47,12 +49,14 @@ MAX_SWEEP_CORRECTIONS = 8  # Newton steps at one frequency
 class Piece:
     """A stable stretch of one branch in the order swept, m cycles.
 
-    frequency (m,) [Hz]; states (m, dimension) of the section; periods of one return
+    frequency (m,) [Hz]; states (m, dimension) of the section; periods of one return; complex amplitudes (m, body) [m]
+    where they are known
     """
 
     frequency: np.ndarray
     states: np.ndarray
     periods: int
+    amplitude: np.ndarray | None = None
 
 
 @dataclass
@@ -101,16 +105,16 @@ def swept_response(
     for sweep, points in sweeps(measured):
         direction = float(measured["direction"][points[0]])
         level = _level(measured["frequency"].values[points], measured["level"].values[points])
-        path = swept_path(partial(_map, setting, level), _stops(measured["frequency"].values[points], direction))
+        stops = _stops(measured["frequency"].values[points], direction)
+        series = _series(setting, level, stops)
+        path = swept_path(partial(_map, setting, level), stops, series)
         if path.reason:
             return failed(bodies, "not periodic", f"sweep {sweep:g}: {path.reason}")
         jumps += [f"sweep {sweep:g}: {kind} at {at:.9g} Hz" for kind, at in path.jumps]
         for piece in path.pieces:
             own = piece.frequency
-            pairs = zip(own.tolist(), piece.states, strict=True)
-            amplitude = [harmonics_of_cycle(setting, piece.periods, 1, f, level(f), x)[0][:, 1] for f, x in pairs]
             rows["frequency"].append(own)
-            rows["amplitude"].append(np.array(amplitude).T)
+            rows["amplitude"].append(_amplitudes(setting, level, piece).T)
             rows["level"].append(np.array([level(f) for f in own.tolist()]))
             rows["sweep"].append(np.full(own.size, sweep))
             rows["piece"].append(np.full(own.size, float(number)))
@@ -144,24 +148,46 @@ def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:
     return np.array([*stops, high])[:: int(direction)]
 
 
+def _series(setting: Setting, level: Callable[[float], float], stops: np.ndarray) -> SeriesSweep | None:
+    """Harmonic balance over the frequencies of a sweep; None where the simulator does not tell its modal system."""
+    window = float(stops.min()), float(stops.max())
+    begin = float(stops[0])
+    system = modal_system(setting, begin, level(begin))
+    if system is None:
+        return None
+    return SeriesSweep(setting, system, level(begin), window, float(np.sign(stops[-1] - begin)), level)
+
+
+def _amplitudes(setting: Setting, level: Callable[[float], float], piece: Piece) -> np.ndarray:
+    """Complex amplitudes (m, body) of the displacement of a stretch  [m]."""
+    if piece.amplitude is not None:
+        return piece.amplitude
+    pairs = zip(piece.frequency.tolist(), piece.states, strict=True)
+    return np.array([harmonics_of_cycle(setting, piece.periods, 1, f, level(f), x)[0][:, 1] for f, x in pairs])
+
+
 def _map(setting: Setting, level: Callable[[float], float], frequency: float) -> PeriodMap:
     return setting.map({FREQUENCY: frequency, AMPLITUDE: level(frequency)})
 
 
-def swept_path(maps: Callable[[float], PeriodMap], stops: np.ndarray) -> SweptPath:
+def swept_path(maps: Callable[[float], PeriodMap], stops: np.ndarray, series: SeriesSweep | None = None) -> SweptPath:
     """Path of a sweep.
 
     maps : the map at a frequency
     stops : frequencies (n,), n >= 2, that rise or fall  [Hz]
+    series : harmonic balance over them, where it serves the simulator
     """
-    return _Sweep(maps, stops).path
+    return _Sweep(maps, stops, series).path
 
 
 class _Sweep:
     """A sweep on its way."""
 
-    def __init__(self, maps: Callable[[float], PeriodMap], stops: np.ndarray) -> None:
+    def __init__(
+        self, maps: Callable[[float], PeriodMap], stops: np.ndarray, series: SeriesSweep | None = None
+    ) -> None:
         self.maps, self.stops, self.path = lru_cache(MAPS_KEPT)(maps), stops, SweptPath()
+        self.series = series
         self.direction, self.width = float(np.sign(stops[-1] - stops[0])), float(np.ptp(stops))
         found = self._begin(float(stops[0]))
         while found is not None and len(self.path.pieces) < MAX_PIECES:
@@ -170,6 +196,9 @@ class _Sweep:
             self.path.reason = ""
 
     def _begin(self, frequency: float) -> tuple[float, np.ndarray, int] | None:
+        first = None if self.series is None else self.series.first(frequency)
+        if first is not None:
+            return frequency, first, 1
         map = self.maps(frequency)
         cycle = shoot(map, map.initial)
         if cycle.converged and cycle.stable:
@@ -198,6 +227,10 @@ class _Sweep:
 
     def _stretch(self, frequency: float, state: np.ndarray, periods: int) -> tuple[float, np.ndarray, int] | None:
         """Follow a stable motion to its end; return from where the sweep goes on, None at the end of the window."""
+        stretch = None if self.series is None or periods > 1 else self.series.stretch(frequency, state)
+        if stretch is not None:
+            self.path.pieces.append(Piece(stretch.frequency, stretch.states, 1, stretch.amplitude))
+            return self._jumped(stretch.end, float(stretch.frequency[-1]), stretch.states[-1]) if stretch.end else None
         known, states = [frequency], [state]
         while (stop := self._next_stop(known[-1])) is not None:
             for halving in range(MAX_HALVINGS + 1):
@@ -247,11 +280,14 @@ class _Sweep:
             known.append(special.parameter)
             states.append(special.state)
         self.path.pieces.append(Piece(np.array(known), np.array(states), branch.periods))
-        ahead = known[-1] + self.direction * BEYOND_GRAZING * self.width
         if special is None and onward.size > 1 and branch.stable[onward].all():
             return known[-1], states[-1], branch.periods  # it only bends: on from there
-        self.path.jumps.append((kind, known[-1]))
-        return self._settled(ahead, states[-1])
+        return self._jumped(kind, known[-1], states[-1])
+
+    def _jumped(self, kind: str, frequency: float, state: np.ndarray) -> tuple[float, np.ndarray, int] | None:
+        """Go on beyond the end of a stretch with what a run settles to."""
+        self.path.jumps.append((kind, frequency))
+        return self._settled(frequency + self.direction * BEYOND_GRAZING * self.width, state)
 
 
 def _first_special(branch: Branch, onward: np.ndarray) -> Special | None:

@@ -1,8 +1,15 @@
 """What a sweep runs through: against a closed form, and from branch to branch."""
 
 import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
 
+from calib.dynamics import swept_response as swept_response_module
+from calib.dynamics import swept_series
+from calib.dynamics.setting import Setting
 from calib.dynamics.swept_response import swept_response
+from calib.dynamics.swept_series import SeriesSweep, modal_system
+from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
@@ -31,3 +38,47 @@ def test_a_sweep_down_jumps_up_where_the_lower_branch_folds():
     assert found.attrs["jumps"].startswith("sweep 0: fold at 3.50802")
     amplitude, piece = np.abs(complex_amplitude(found)[0]), found.piece.values
     assert amplitude[piece == 1.0][0] > 1.5 * amplitude[piece == 0.0][-1]
+
+
+def by_shooting(monkeypatch, *sweep, **values):
+    with monkeypatch.context() as patched:
+        patched.setattr(swept_response_module, "_series", lambda *_: None)
+        return swept(*sweep, **values)
+
+
+def at(found, frequency, piece):
+    """Complex amplitude at frequencies, by a spline over one stretch of a response."""
+    own = found.isel(point=found.piece.values == piece).sortby("frequency")
+    return CubicSpline(own.frequency.values, complex_amplitude(own)[0])(frequency)
+
+
+def test_a_sweep_by_harmonic_balance_is_that_by_shooting(monkeypatch):
+    frequency = np.linspace(3.0, 4.2, 49)
+    found, other = swept(frequency, 0.6, k3=4e5), by_shooting(monkeypatch, frequency, 0.6, k3=4e5)
+    folds = [float(one.attrs["jumps"].split()[-2]) for one in (found, other)]
+    assert folds[0] == pytest.approx(folds[1], abs=1e-6)
+    for piece, shared in ((0.0, frequency[frequency < 3.75]), (1.0, frequency[frequency > 3.9])):
+        expected = at(other, shared, piece)
+        np.testing.assert_allclose(at(found, shared, piece), expected, atol=1e-4 * abs(expected).max())
+
+
+def test_harmonics_are_added_until_those_left_out_hardly_move_the_mass(monkeypatch):
+    """Dry friction that turns about within a small velocity has harmonics that fall slowly."""
+    model, values = Model(Oscillator(), [COULOMB_FRICTION]), {**VALUES, "friction": 0.05, "friction_slip": 1e-3}
+    setting = Setting(model, FORCE, values)
+    sweep = SeriesSweep(setting, modal_system(setting, 2.8, 0.2), 0.2, (2.8, 3.6), 1.0, lambda _: 0.2)
+    stretch = sweep.stretch(2.8, sweep.first(2.8))
+    monkeypatch.setattr(swept_series, "HARMONICS", (127,))
+    expected = sweep.stretch(2.8, sweep.first(2.8))
+    monkeypatch.setattr(swept_series, "HARMONICS", (7,))
+    assert sweep.stretch(2.8, sweep.first(2.8)) is None
+    frequency = np.linspace(2.8, 3.6, 50)
+    found, true = (CubicSpline(s.frequency, s.amplitude[:, 0])(frequency) for s in (stretch, expected))
+    np.testing.assert_allclose(found, true, atol=3e-4 * abs(true).max())
+
+
+def test_beyond_a_rigid_stop_a_sweep_goes_on_by_shooting():
+    measured = make_response(np.linspace(2.8, 3.6, 9), ["mass"], np.ones((1, 9)), 0.2, "N", 0, 1.0)
+    found = swept_response(Model(Oscillator(stop=True)), {**VALUES, "gap": 5e-3, "restitution": 0.6}, FORCE, measured)
+    assert found.attrs["jumps"].startswith("sweep 0: grazing at ")
+    assert len(set(found.piece.values)) > 1

@@ -1,0 +1,196 @@
+"""Curves of periodic motions over the frequency of the drive, as Fourier series that balance the forces.
+
+See `calib.dynamics.harmonic_balance` for the equations, and `calib.dynamics.arclength` for what follows the curves.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.dynamics.arclength import Mark, root, roots
+from calib.dynamics.branch import TESTS, evidence
+from calib.dynamics.harmonic_balance import HarmonicBalance
+from calib.dynamics.orbits import newton
+
+MAX_FIRST_STEPS = 30  # of Newton's method from the linear motion, or from the motion at a frequency beside it
+SIZE_FREQUENCIES = 200  # of the linear motion whose largest is the first idea of the size
+DIFFERENCE = 1e-6  # of the window, for the derivative by the frequency
+CLEARANCE_STEPS = 3  # of Newton's method to the instant of the least clearance
+AT_STOP = "the motion reaches the stop, whose impacts harmonic balance does not serve"
+
+
+class SeriesMotion(NamedTuple):
+    """Motion of a curve: coefficients and parameter z (d,), tangent, multipliers, derivative, least clearance [m]."""
+
+    z: np.ndarray
+    tangent: np.ndarray
+    multipliers: np.ndarray
+    matrix: np.ndarray
+    corrections: int
+    clearance: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether all multipliers are inside the unit circle."""
+        return bool(abs(self.multipliers[0]) < 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesCurve:
+    """The curve of motions over the frequency at one level, as `calib.dynamics.arclength.SolutionCurve`.
+
+    Attributes
+    ----------
+    low, high : of the frequency  [Hz]
+    scale : of the coefficients  [kg^1/2 m]
+    drive : amplitude of U at a frequency [Hz]
+    """
+
+    balance: HarmonicBalance
+    low: float
+    high: float
+    scale: float
+    drive: Callable[[float], float]
+    parameters: int = 1
+
+    def parameter(self, z: np.ndarray) -> float:
+        """Frequency  [Hz]."""
+        return float((1.0 - z[-1]) * self.low + z[-1] * self.high)  # exact at both edges
+
+    def unpacked(self, z: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """Coefficients, angular frequency [rad/s] and amplitude of U."""
+        frequency = self.parameter(z)
+        return self.scale * z[:-1].reshape(-1, self.balance.size), 2.0 * math.pi * frequency, self.drive(frequency)
+
+    def packed(self, y: np.ndarray, frequency: float) -> np.ndarray:
+        """Point z (d,) of coefficients at a frequency [Hz]."""
+        return np.append(y.ravel() / self.scale, (frequency - self.low) / (self.high - self.low))
+
+    @cached_property
+    def _units(self) -> np.ndarray:
+        """Size (n (2 H + 1),) of the terms of each equation."""
+        largest = np.maximum(np.abs(self.balance.system.stiffness), (2.0 * math.pi * self.high) ** 2)
+        return self.scale * np.repeat(largest, self.balance.size)
+
+    def residual(self, z: np.ndarray) -> np.ndarray:
+        """What is left of the balance (d - 1,), in units of its terms."""
+        return self.balance.residual(*self.unpacked(z)).ravel() / self._units
+
+    def derivative(self, z: np.ndarray) -> np.ndarray:
+        """Derivative (d - 1, d) of the residual."""
+        by_coefficients = self.balance.derivative(*self.unpacked(z)) * (self.scale / self._units[:, None])
+        step = np.append(np.zeros(z.size - 1), DIFFERENCE)
+        by_frequency = (self.residual(z + step) - self.residual(z - step)) / (2.0 * DIFFERENCE)
+        return np.column_stack([by_coefficients, by_frequency])
+
+    def solved(self, guess: np.ndarray, frequency: float) -> np.ndarray | None:
+        """Coefficients of a motion at a frequency [Hz], near those guessed; None where Newton's method finds none."""
+        at = self.packed(guess, frequency)
+        z, _, reason = newton(
+            lambda u: self.residual(np.append(u, at[-1])),
+            lambda u: self.derivative(np.append(u, at[-1]))[:, :-1],
+            at[:-1],
+            MAX_FIRST_STEPS,
+        )
+        return None if reason else self.scale * z.reshape(guess.shape)
+
+    def start(self, y: np.ndarray, frequency: float) -> SeriesMotion | None:
+        """Point from which a curve is followed towards higher frequencies."""
+        z = self.packed(y, frequency)
+        return self.point(z, (0.0,), np.eye(z.size)[-1])
+
+    def point(self, z: np.ndarray, steps: tuple[float, ...], heading: np.ndarray) -> SeriesMotion | None:
+        """Point at a solution, its tangent along `heading` (d,); None where the derivative is not known."""
+        matrix = self.derivative(z)
+        if not np.isfinite(matrix).all():
+            return None
+        tangent = _null_vector(matrix, heading)
+        multipliers = self.balance.multipliers(*self.unpacked(z))
+        return SeriesMotion(z, tangent, multipliers, matrix, len(steps) - 1, self._clearance(z))
+
+    def obstacle(self, base: SeriesMotion, point: SeriesMotion) -> str:
+        """Nothing: series of coefficients depend smoothly on one another."""
+        return ""
+
+    def marks(self, base: SeriesMotion, ahead: SeriesMotion) -> list[Mark[SeriesMotion]] | None:
+        """Special points between two neighbours; a curve ends where a rigid stop is touched."""
+        touch = None
+        if ahead.clearance < 0.0:
+            touch = root(self, base, ahead, lambda point, _: point.clearance)
+            if touch is None:
+                return None
+        located = roots(self, base, touch or ahead, TESTS)
+        if located is None:
+            return None
+        marks = [Mark(kind, point, evidence(kind, point)) for kind, point in located]
+        marks = [mark for mark in marks if mark.evidence]
+        return [*marks, Mark("grazing", touch, AT_STOP, last=True)] if touch else marks
+
+    def where(self, point: SeriesMotion) -> str:
+        """Frequency of a point."""
+        return f"{self.parameter(point.z):g}"
+
+    def at_section(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement and velocity (body,) at the section  [m], [m/s]."""
+        y, omega, amplitude = self.unpacked(z)
+        series, phase = self.balance.bodies(y, amplitude), np.array([self.balance.system.phase])
+        return self.balance.at(series, phase)[:, 0], omega * self.balance.at(self.balance.slope(series), phase)[:, 0]
+
+    def state(self, z: np.ndarray) -> np.ndarray:
+        """State (2 d,) of the period map at its section  [m], [m/s]."""
+        displacement, velocity = self.at_section(z)
+        free = list(self.balance.system.free)
+        return np.concatenate([displacement[free], velocity[free]])
+
+    def complex_amplitudes(self, z: np.ndarray, begin: float) -> np.ndarray:
+        """Complex amplitudes (body, H + 1) of the displacement [m], as `calib.dynamics.response.ResponseBranch`.
+
+        begin : phase of the excitation at the section  [rad]; the drive's may be turned against it, by a factor on it
+            that is negative
+        """
+        y, _, amplitude = self.unpacked(z)
+        turn = np.exp(1j * np.arange(self.balance.harmonics + 1) * (self.balance.system.phase - begin))
+        return self.balance.complex_amplitudes(self.balance.bodies(y, amplitude)) * turn
+
+    def _clearance(self, z: np.ndarray) -> float:
+        """Least clearance of a rigid stop along the motion [m], inf without one."""
+        stop = self.balance.system.clearance
+        if stop is None:
+            return math.inf
+        y, _, amplitude = self.unpacked(z)
+        series = (stop.shape @ y)[0]
+        series[0] += stop.mean[0]
+        series[1] += stop.drive[0] * amplitude
+        slope = self.balance.slope(series)
+        curvature = self.balance.slope(slope)
+        phase = self.balance.phase[np.argmin(self.balance.at(series, self.balance.phase))]
+        for _ in range(CLEARANCE_STEPS):
+            rise, bend = self.balance.at(np.stack([slope, curvature]), np.array([phase]))[:, 0]
+            if bend <= 0.0:
+                break
+            phase -= np.clip(rise / bend, -self.balance.phase[1], self.balance.phase[1])
+        return float(self.balance.at(series, np.array([phase]))[0])
+
+
+def linear_size(balance: HarmonicBalance, window: tuple[float, float], drive: Callable[[float], float]) -> float:
+    """Largest coefficient of the linear motion over a window [Hz] of frequencies  [kg^1/2 m]; 1 where all are zero.
+
+    drive : amplitude of U at a frequency [Hz]
+    """
+    frequencies = np.linspace(*window, SIZE_FREQUENCIES).tolist()
+    sizes = [np.abs(balance.linear_motion(2.0 * math.pi * f, drive(f))).max() for f in frequencies]
+    return float(max(sizes)) or 1.0
+
+
+def _null_vector(matrix: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Unit vector (d,) that the matrix (d - 1, d) takes to zero, along `heading` (d,)."""
+    try:
+        vector = np.linalg.solve(np.vstack([matrix, heading]), np.eye(heading.size)[-1])
+        vector /= np.linalg.norm(vector)
+    except np.linalg.LinAlgError:
+        vector = np.linalg.svd(matrix)[2][-1]
+    return vector if vector @ heading >= 0.0 else -vector

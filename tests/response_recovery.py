@@ -1,0 +1,97 @@
+"""Calibrations on stepped sines made from hidden values, and whether the stated intervals cover these.
+
+An oscillator with a cubic spring is driven at three levels over its resonance. The instrument reads complex amplitudes
+with 2 % noise of the rms amplitude of a level; frequencies are set exactly.
+"""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from calib.confidence import around_best
+from calib.dynamics.swept_response import swept_response
+from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
+from calib.execution.pool import InProcess
+from calib.features.frequency_response import ResponseDistance
+from calib.modelling.model import Model
+from calib.modelling.parameter import Space, Window
+from calib.objective import Objective, Reference, Term
+from calib.optimisers.multistart import Multistart
+from calib.records.excitation import Excitation
+from calib.records.response import complex_amplitude, make_response
+from calib.simulators.oscillator import Oscillator
+from calib.store import Store
+from calib.study import CalibrationStudy, evaluate
+
+FORCE = Excitation("mass", "force", frequency=3.0, amplitude=1.0)
+LEVELS = 0.15, 0.3, 0.6  # N
+FREQUENCIES = np.linspace(2.7, 4.3, 17)  # Hz
+NOISE = 0.02  # of the rms amplitude of a level, in each part
+FINE = 8  # steps of the sweep that makes a record, for each of its own
+WINDOWS = {
+    "stiffness": Window(340.0, 460.0),
+    "damping": Window(0.4, 2.5, "log"),
+    "k3": Window(1e5, 1e6, "log"),
+}
+FIXED = {"mass": 1.0}
+BUDGET = 120  # simulations of a search
+
+
+def model() -> Model:
+    return Model(Oscillator(), [CUBIC_STIFFNESS])
+
+
+def measured(values: dict[str, float], directions: tuple[float, ...], rng: np.random.Generator) -> xr.Dataset:
+    """Record of stepped sines up (1.0) and down (-1.0), of points on the branch that the sweep is on."""
+    rows: dict[str, list[np.ndarray]] = {key: [] for key in ("frequency", "amplitude", "level", "direction")}
+    for level in LEVELS:
+        for direction in directions:
+            stepped = FREQUENCIES[:: int(direction)]
+            fine = np.interp(np.arange(FINE * (stepped.size - 1) + 1) / FINE, np.arange(stepped.size), stepped)
+            wanted = make_response(fine, ["mass"], np.ones((1, fine.size)), level, "N", 0, direction)
+            motion = swept_response(model(), values, FORCE, wanted)
+            rows["frequency"].append(stepped)
+            rows["amplitude"].append(amplitudes_at(motion, stepped))
+            rows["level"].append(np.full(stepped.size, level))
+            rows["direction"].append(np.full(stepped.size, direction))
+    frequency, amplitude, level, direction = (np.concatenate(parts) for parts in rows.values())
+    for own in LEVELS:
+        at = level == own
+        sigma = NOISE * np.sqrt(np.mean(np.abs(amplitude[at]) ** 2))
+        amplitude[at] += sigma * (rng.standard_normal((2, at.sum())).T @ [1.0, 1j])
+    sweep = np.repeat(np.arange(len(LEVELS) * len(directions)), FREQUENCIES.size)
+    return make_response(
+        frequency, ["mass"], amplitude[None], level, "N", sweep, direction, place="mass", quantity="force"
+    )
+
+
+def amplitudes_at(motion: xr.Dataset, frequency: np.ndarray) -> np.ndarray:
+    """Complex amplitudes (n,) at frequencies, each on the stretch that reaches over it, by a local cubic."""
+    found = np.empty(frequency.size, dtype=complex)
+    own, amplitude = motion.frequency.values, complex_amplitude(motion)[0]
+    for i, at in enumerate(frequency.tolist()):
+        for piece in dict.fromkeys(motion.piece.values.tolist()):
+            place = np.flatnonzero(motion.piece.values == piece)
+            if own[place].min() <= at <= own[place].max():
+                near = place[np.argsort(np.abs(own[place] - at))[:4]]
+                weights = [np.prod([(at - own[k]) / (own[j] - own[k]) for k in near if k != j]) for j in near]
+                found[i] = np.dot(weights, amplitude[near])
+                break
+    return found
+
+
+def recovered(seed: int, directions: tuple[float, ...], folder: Path):
+    """Truth, and confidence at the best point of a blind calibration."""
+    rng = np.random.default_rng([seed, 22])
+    space = Space(WINDOWS, FIXED)
+    truth = space.values(rng.uniform(0.2, 0.8, space.dim))
+    reference = Reference("stepped", measured(truth, directions, rng), excitation=FORCE)
+    study = CalibrationStudy(
+        name="recovery", model=model(), space=space, objective=Objective({"stepped": reference}, [Term(ResponseDistance())]),
+        optimiser=Multistart, budget=BUDGET, seed=seed,
+    )  # fmt: skip
+    pool = InProcess(partial(evaluate, study.without_search()))
+    found = study.run(Store(folder, view=None, keep="best"), pool)
+    return truth, around_best(study, pool, found.best)
