@@ -89,9 +89,14 @@ def recovered(seed: int, directions: tuple[float, ...], folder: Path):
     truth = space.values(rng.uniform(0.2, 0.8, space.dim))
     reference = Reference("stepped", measured(truth, directions, rng), excitation=FORCE)
     study = CalibrationStudy(
-        name="recovery", model=model(), space=space, objective=Objective({"stepped": reference}, [Term(ResponseDistance())]),
-        optimiser=Multistart, budget=BUDGET, seed=seed,
-    )  # fmt: skip
+        name="recovery",
+        model=model(),
+        space=space,
+        objective=Objective({"stepped": reference}, [Term(ResponseDistance())]),
+        optimiser=Multistart,
+        budget=BUDGET,
+        seed=seed,
+    )
     pool = InProcess(partial(evaluate, study.without_search()))
     found = study.run(Store(folder, view=None, keep="best"), pool)
     return truth, around_best(study, pool, found.best)
