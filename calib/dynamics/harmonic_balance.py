@@ -64,26 +64,37 @@ class HarmonicBalance:
             forces.value @ self._analysis.T
         )  # fmt: skip
 
-    def derivative(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
-        """Return the derivative (n (2 H + 1), n (2 H + 1)) of the residual by the coefficients."""
-        system, size = self.system, self.size
+    def derivatives(
+        self, y: np.ndarray, omega: float, amplitude: float, amplitude_slope: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the residual by the coefficients and by omega.
+
+        They are (n (2 H + 1), n (2 H + 1)) and (n, 2 H + 1); that by omega leaves out an explicit time in the forces.
+
+        amplitude_slope : derivative of the amplitude by omega
+        """
+        system, size, places = self.system, self.size, self.system.places
         n = len(system.stiffness)
-        whole = np.zeros((n, size, n, size))
-        identity = np.eye(size)
-        for j in range(n):
-            whole[j, :, j] = (
-                system.stiffness[j] * identity
-                + 2.0 * system.rate[j] * omega * self._turn
-                + omega**2 * self._turn @ self._turn
-            )
         forces = self.forces(y, omega, amplitude, derivatives=True)
-        for a, gain in enumerate(system.gain.T):
-            varied = forces.by_position[a][:, None] * self._synthesis + forces.by_rate[a][:, None] * (
-                omega * self._slope
-            )  # fmt: skip
-            own = self._analysis @ varied
-            whole -= np.multiply.outer(np.outer(gain, system.places.shape[a]), own).transpose(0, 2, 1, 3)
-        return whole.reshape(n * size, n * size)
+        whole = np.zeros((n, size, n, size))
+        modes = np.arange(n)
+        whole[modes, :, modes, :] = (
+            system.stiffness[:, None, None] * np.eye(size)
+            + (2.0 * omega * system.rate)[:, None, None] * self._turn
+            + omega**2 * self._turn @ self._turn
+        )
+        varied = forces.by_position[:, :, None] * self._synthesis + forces.by_rate[:, :, None] * (omega * self._slope)
+        whole -= np.einsum("ja,ai,aks->jkis", system.gain, places.shape, self._analysis @ varied)
+        cosine, sine = np.cos(self.phase), np.sin(self.phase)
+        position = np.outer(places.drive, amplitude_slope * cosine)
+        rate = places.shape @ (y @ self._slope.T) - np.outer(places.drive, (amplitude + omega * amplitude_slope) * sine)
+        changed = (forces.by_position * position + forces.by_rate * rate) @ self._analysis.T
+        slope = self.slope(y)
+        by_omega = 2.0 * omega * self.slope(slope) + 2.0 * system.rate[:, None] * slope - system.gain @ changed
+        by_omega -= self._loaded(
+            amplitude_slope * np.array([1.0, 1j * omega, -(omega**2)]) + amplitude * np.array([0.0, 1j, -2.0 * omega])
+        )
+        return whole.reshape(n * size, n * size), by_omega
 
     def forces(self, y: np.ndarray, omega: float, amplitude: float, derivatives: bool) -> Forces:
         """Forces at the places (p, m) along the motion."""
@@ -204,9 +215,14 @@ class HarmonicBalance:
 
     def _drive(self, omega: float, amplitude: float) -> np.ndarray:
         """Modal load (n, 2 H + 1) of the drive and the constants."""
-        load = np.zeros((len(self.system.stiffness), self.size))
+        load = self._loaded(np.array([1.0, 1j * omega, -(omega**2)]) * amplitude)
         load[:, 0] = self.system.constant
-        whole = self.system.load @ np.array([1.0, 1j * omega, -(omega**2)]) * amplitude
+        return load
+
+    def _loaded(self, input: np.ndarray) -> np.ndarray:
+        """Modal load (n, 2 H + 1) of complex amplitudes (3,) of U, U' and U''."""
+        load = np.zeros((len(self.system.stiffness), self.size))
+        whole = self.system.load @ input
         load[:, 1], load[:, 2] = whole.real, -whole.imag
         return load
 

@@ -18,7 +18,7 @@ from calib.dynamics.orbits import newton
 
 MAX_FIRST_STEPS = 30  # of Newton's method from the linear motion, or from the motion at a frequency beside it
 SIZE_FREQUENCIES = 200  # of the linear motion whose largest is the first idea of the size
-DIFFERENCE = 1e-6  # of the window, for the derivative by the frequency
+DIFFERENCE = 1e-6  # of the window, for the slope of the drive's amplitude over the frequency
 CLEARANCE_STEPS = 3  # of Newton's method to the instant of the least clearance
 AT_STOP = "the motion reaches the stop, whose impacts harmonic balance does not serve"
 
@@ -82,10 +82,14 @@ class SeriesCurve:
 
     def derivative(self, z: np.ndarray) -> np.ndarray:
         """Derivative (d - 1, d) of the residual."""
-        by_coefficients = self.balance.derivative(*self.unpacked(z)) * (self.scale / self._units[:, None])
-        step = np.append(np.zeros(z.size - 1), DIFFERENCE)
-        by_frequency = (self.residual(z + step) - self.residual(z - step)) / (2.0 * DIFFERENCE)
-        return np.column_stack([by_coefficients, by_frequency])
+        y, omega, amplitude = self.unpacked(z)
+        width = self.high - self.low
+        step = DIFFERENCE * width
+        frequency = self.parameter(z)
+        slope = (self.drive(frequency + step) - self.drive(frequency - step)) / (2.0 * step)
+        by_coefficients, by_omega = self.balance.derivatives(y, omega, amplitude, slope / (2.0 * math.pi))
+        by_coefficients *= self.scale
+        return np.column_stack([by_coefficients, 2.0 * math.pi * width * by_omega.ravel()]) / self._units[:, None]
 
     def solved(self, guess: np.ndarray, frequency: float) -> np.ndarray | None:
         """Coefficients of a motion at a frequency [Hz], near those guessed; None where Newton's method finds none."""

@@ -71,8 +71,15 @@ def test_the_derivative_is_that_of_the_residual(name):
     step = 1e-6
     ahead, behind = (balance.residual(y + s * step * direction, omega, system.amplitude) for s in (1.0, -1.0))
     expected = (ahead - behind).ravel() / (2.0 * step)
-    got = balance.derivative(y, omega, system.amplitude) @ direction.ravel()
+    slope = 0.3 * system.amplitude / omega  # of the drive's amplitude by omega
+    by_coefficients, by_omega = balance.derivatives(y, omega, system.amplitude, slope)
+    got = by_coefficients @ direction.ravel()
     np.testing.assert_allclose(got, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+    ahead, behind = (
+        balance.residual(y, omega + s * step * omega, system.amplitude + s * step * omega * slope) for s in (1.0, -1.0)
+    )
+    expected = (ahead - behind) / (2.0 * step * omega)
+    np.testing.assert_allclose(by_omega, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
 def test_multipliers_are_those_of_the_period_map():
