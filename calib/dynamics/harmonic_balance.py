@@ -6,6 +6,7 @@ Mech. 56 (1989) 149), so that a residual is left in the equations of each harmon
 What a series of H harmonics misses is of the order of the first harmonic left out.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from calib.modelling.modal_system import Forces, ModalSystem
 
 SAMPLES_PER_HARMONIC = 16  # instants of a period over the highest harmonic: those of the forces do not fold onto it
 MIN_SMOOTH_SAMPLES, MIN_KINKED_SAMPLES = 128, 1024  # of a period; the latter where forces have corners
+CLEARANCE_STEPS = 3  # of Newton's method to the instant of the least clearance
 
 
 class Motion(NamedTuple):
@@ -64,14 +66,11 @@ class HarmonicBalance:
             forces.value @ self._analysis.T
         )  # fmt: skip
 
-    def derivatives(
-        self, y: np.ndarray, omega: float, amplitude: float, amplitude_slope: float = 0.0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the residual by the coefficients and by omega.
+    def derivatives(self, y: np.ndarray, omega: float, amplitude: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the derivatives of the residual by the coefficients, by omega and by the amplitude of the drive.
 
-        They are (n (2 H + 1), n (2 H + 1)) and (n, 2 H + 1); that by omega leaves out an explicit time in the forces.
-
-        amplitude_slope : derivative of the amplitude by omega
+        They are (n (2 H + 1), n (2 H + 1)) and twice (n, 2 H + 1); that by omega leaves out an explicit time in the
+        forces.
         """
         system, size, places = self.system, self.size, self.system.places
         n = len(system.stiffness)
@@ -85,16 +84,17 @@ class HarmonicBalance:
         )
         varied = forces.by_position[:, :, None] * self._synthesis + forces.by_rate[:, :, None] * (omega * self._slope)
         whole -= np.einsum("ja,ai,aks->jkis", system.gain, places.shape, self._analysis @ varied)
-        cosine, sine = np.cos(self.phase), np.sin(self.phase)
-        position = np.outer(places.drive, amplitude_slope * cosine)
-        rate = places.shape @ (y @ self._slope.T) - np.outer(places.drive, (amplitude + omega * amplitude_slope) * sine)
-        changed = (forces.by_position * position + forces.by_rate * rate) @ self._analysis.T
+        cosine, sine = np.outer(places.drive, np.cos(self.phase)), np.outer(places.drive, np.sin(self.phase))
+        rate = places.shape @ (y @ self._slope.T) - amplitude * sine
         slope = self.slope(y)
-        by_omega = 2.0 * omega * self.slope(slope) + 2.0 * system.rate[:, None] * slope - system.gain @ changed
-        by_omega -= self._loaded(
-            amplitude_slope * np.array([1.0, 1j * omega, -(omega**2)]) + amplitude * np.array([0.0, 1j, -2.0 * omega])
+        by_omega = 2.0 * omega * self.slope(slope) + 2.0 * system.rate[:, None] * slope
+        by_omega -= system.gain @ (forces.by_rate * rate @ self._analysis.T)
+        by_omega -= self._loaded(amplitude * np.array([0.0, 1j, -2.0 * omega]))
+        changed = forces.by_position * cosine - forces.by_rate * (omega * sine)
+        by_amplitude = -system.gain @ (changed @ self._analysis.T) - self._loaded(
+            np.array([1.0, 1j * omega, -(omega**2)])
         )
-        return whole.reshape(n * size, n * size), by_omega
+        return whole.reshape(n * size, n * size), by_omega, by_amplitude
 
     def forces(self, y: np.ndarray, omega: float, amplitude: float, derivatives: bool) -> Forces:
         """Forces at the places (p, m) along the motion."""
@@ -153,6 +153,24 @@ class HarmonicBalance:
             product = product[1::2] @ product[::2]
         multipliers = np.linalg.eigvals(product[0]).astype(complex)
         return multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+
+    def clearance(self, y: np.ndarray, amplitude: float) -> float:
+        """Least clearance of a rigid stop along the motion [m], inf without one."""
+        stop = self.system.clearance
+        if stop is None:
+            return math.inf
+        series = (stop.shape @ y)[0]
+        series[0] += stop.mean[0]
+        series[1] += stop.drive[0] * amplitude
+        slope = self.slope(series)
+        curvature = self.slope(slope)
+        phase = self.phase[np.argmin(self.at(series, self.phase))]
+        for _ in range(CLEARANCE_STEPS):
+            rise, bend = self.at(np.stack([slope, curvature]), np.array([phase]))[:, 0]
+            if bend <= 0.0:
+                break
+            phase -= np.clip(rise / bend, -self.phase[1], self.phase[1])
+        return float(self.at(series, np.array([phase]))[0])
 
     def left_out(self, y: np.ndarray, omega: float, amplitude: float) -> float:
         """Velocity of the bodies by the harmonics above H over that by those up to H, both rms  [1].

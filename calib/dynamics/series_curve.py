@@ -19,7 +19,6 @@ from calib.dynamics.orbits import newton
 MAX_FIRST_STEPS = 30  # of Newton's method from the linear motion, or from the motion at a frequency beside it
 SIZE_FREQUENCIES = 200  # of the linear motion whose largest is the first idea of the size
 DIFFERENCE = 1e-6  # of the window, for the slope of the drive's amplitude over the frequency
-CLEARANCE_STEPS = 3  # of Newton's method to the instant of the least clearance
 AT_STOP = "the motion reaches the stop, whose impacts harmonic balance does not serve"
 
 
@@ -87,9 +86,9 @@ class SeriesCurve:
         step = DIFFERENCE * width
         frequency = self.parameter(z)
         slope = (self.drive(frequency + step) - self.drive(frequency - step)) / (2.0 * step)
-        by_coefficients, by_omega = self.balance.derivatives(y, omega, amplitude, slope / (2.0 * math.pi))
-        by_coefficients *= self.scale
-        return np.column_stack([by_coefficients, 2.0 * math.pi * width * by_omega.ravel()]) / self._units[:, None]
+        by_coefficients, by_omega, by_amplitude = self.balance.derivatives(y, omega, amplitude)
+        by_frequency = width * (2.0 * math.pi * by_omega + slope * by_amplitude)
+        return np.column_stack([self.scale * by_coefficients, by_frequency.ravel()]) / self._units[:, None]
 
     def solved(self, guess: np.ndarray, frequency: float) -> np.ndarray | None:
         """Coefficients of a motion at a frequency [Hz], near those guessed; None where Newton's method finds none."""
@@ -112,9 +111,11 @@ class SeriesCurve:
         matrix = self.derivative(z)
         if not np.isfinite(matrix).all():
             return None
-        tangent = _null_vector(matrix, heading)
-        multipliers = self.balance.multipliers(*self.unpacked(z))
-        return SeriesMotion(z, tangent, multipliers, matrix, len(steps) - 1, self._clearance(z))
+        tangent = null_vector(matrix, heading)
+        y, omega, amplitude = self.unpacked(z)
+        multipliers = self.balance.multipliers(y, omega, amplitude)
+        clearance = self.balance.clearance(y, amplitude)
+        return SeriesMotion(z, tangent, multipliers, matrix, len(steps) - 1, clearance)
 
     def obstacle(self, base: SeriesMotion, point: SeriesMotion) -> str:
         """Nothing: series of coefficients depend smoothly on one another."""
@@ -160,25 +161,6 @@ class SeriesCurve:
         turn = np.exp(1j * np.arange(self.balance.harmonics + 1) * (self.balance.system.phase - begin))
         return self.balance.complex_amplitudes(self.balance.bodies(y, amplitude)) * turn
 
-    def _clearance(self, z: np.ndarray) -> float:
-        """Least clearance of a rigid stop along the motion [m], inf without one."""
-        stop = self.balance.system.clearance
-        if stop is None:
-            return math.inf
-        y, _, amplitude = self.unpacked(z)
-        series = (stop.shape @ y)[0]
-        series[0] += stop.mean[0]
-        series[1] += stop.drive[0] * amplitude
-        slope = self.balance.slope(series)
-        curvature = self.balance.slope(slope)
-        phase = self.balance.phase[np.argmin(self.balance.at(series, self.balance.phase))]
-        for _ in range(CLEARANCE_STEPS):
-            rise, bend = self.balance.at(np.stack([slope, curvature]), np.array([phase]))[:, 0]
-            if bend <= 0.0:
-                break
-            phase -= np.clip(rise / bend, -self.balance.phase[1], self.balance.phase[1])
-        return float(self.balance.at(series, np.array([phase]))[0])
-
 
 def linear_size(balance: HarmonicBalance, window: tuple[float, float], drive: Callable[[float], float]) -> float:
     """Largest coefficient of the linear motion over a window [Hz] of frequencies  [kg^1/2 m]; 1 where all are zero.
@@ -190,7 +172,7 @@ def linear_size(balance: HarmonicBalance, window: tuple[float, float], drive: Ca
     return float(max(sizes)) or 1.0
 
 
-def _null_vector(matrix: np.ndarray, heading: np.ndarray) -> np.ndarray:
+def null_vector(matrix: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """Unit vector (d,) that the matrix (d - 1, d) takes to zero, along `heading` (d,)."""
     try:
         vector = np.linalg.solve(np.vstack([matrix, heading]), np.eye(heading.size)[-1])

@@ -71,15 +71,16 @@ def test_the_derivative_is_that_of_the_residual(name):
     step = 1e-6
     ahead, behind = (balance.residual(y + s * step * direction, omega, system.amplitude) for s in (1.0, -1.0))
     expected = (ahead - behind).ravel() / (2.0 * step)
-    slope = 0.3 * system.amplitude / omega  # of the drive's amplitude by omega
-    by_coefficients, by_omega = balance.derivatives(y, omega, system.amplitude, slope)
+    by_coefficients, by_omega, by_amplitude = balance.derivatives(y, omega, system.amplitude)
     got = by_coefficients @ direction.ravel()
     np.testing.assert_allclose(got, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
-    ahead, behind = (
-        balance.residual(y, omega + s * step * omega, system.amplitude + s * step * omega * slope) for s in (1.0, -1.0)
-    )
-    expected = (ahead - behind) / (2.0 * step * omega)
-    np.testing.assert_allclose(by_omega, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+    for by, drive in ((by_omega, (omega, 0.0)), (by_amplitude, (0.0, system.amplitude))):
+        ahead, behind = (
+            balance.residual(y, omega + s * step * drive[0], system.amplitude + s * step * drive[1])
+            for s in (1.0, -1.0)
+        )
+        expected = (ahead - behind) / (2.0 * step * sum(drive))
+        np.testing.assert_allclose(by, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
 def test_multipliers_are_those_of_the_period_map():
