@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from calib.cli.causes import diagnose, discover, rehearse
-from calib.cli.motions import basins, branch, response, sweep
+from calib.cli.motions import backbone, basins, branch, response, sweep
 from calib.cli.options import (
     EXIT_DONE,
     EXIT_NOTHING,
@@ -181,7 +181,7 @@ def simulate(study: Path, settings: tuple[str, ...], record: str | None, output:
     sys.exit(EXIT_DONE if simulate_once(study, settings, record, output) else EXIT_NOTHING)
 
 
-for command in (sweep, branch, response, basins, sensitivity, window, diagnose, discover, rehearse):
+for command in (sweep, branch, response, backbone, basins, sensitivity, window, diagnose, discover, rehearse):
     main.add_command(command)
 
 

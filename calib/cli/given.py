@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.dynamics.response import AMPLITUDE, FREQUENCY
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
 from calib.execution.netcdf import read_dataset
@@ -15,7 +16,7 @@ from calib.modelling.parameter import Parameter, Scale, Window
 from calib.records import STATE, prescribed
 from calib.study import result
 from calib.study_file import StudyFile
-from calib.units import to_si
+from calib.units import shown, to_si
 
 GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"
 
@@ -247,3 +248,45 @@ def _number(text: str) -> float | str:
         return float(text)
     except ValueError:
         return text
+
+
+def response_window(over: str, held: Setting) -> tuple[float, float]:
+    """Read [excitation.]frequency=LOW:HIGH of --over [Hz].
+
+    Raises
+    ------
+    CalibError : another parameter, a logarithmic window, or no motion at an end of it
+    """
+    name, equals, given = over.partition("=")
+    if name.strip() not in ("frequency", FREQUENCY) or not equals:
+        raise CalibError(
+            f"--over: a response is over the frequency of the excitation: expected frequency=LOW:HIGH, got {over!r}; "
+            "`calib branch` follows a motion over other parameters"
+        )
+    [(_, window)] = windows([f"{FREQUENCY}={given}"], held).items()
+    if window.scale == "log":
+        raise CalibError('--over: a response is followed on a linear scale; drop ":log"')
+    for end in (window.low, window.high):
+        map_at(f"--over: frequency = {shown(end, 'Hz')}", held, {FREQUENCY: end})
+    return window.low, window.high
+
+
+def response_levels(text: str | None, held: Setting) -> list[float]:
+    """Read "A,B" of --levels into rising amplitudes (SI), each once; a percentage is of the record's.
+
+    Raises
+    ------
+    CalibError : no amplitude, or one that is not finite and positive
+    """
+    own = held.value(AMPLITUDE)
+    if text is None:
+        return [own]
+    levels = []
+    for part in (part.strip() for part in text.split(",")):
+        if part.endswith("%"):
+            levels.append(0.01 * quantity("--levels", part[:-1], "1") * own)
+        else:
+            levels.append(quantity("--levels", part, held.unit(AMPLITUDE)))
+        if not (levels[-1] > 0.0 and np.isfinite(levels[-1])):
+            raise CalibError(f"--levels: expected finite positive amplitudes of the excitation, got {part!r}")
+    return sorted(set(levels))

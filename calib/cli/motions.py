@@ -143,6 +143,35 @@ def response(study: Path, over: str, **options: Any) -> None:
     sys.exit(EXIT_DONE if respond(study, over, **options) else EXIT_NOTHING)
 
 
+@click.command(short_help="Backbones of a body, and the level that holds its amplitude.")
+@STUDY
+@click.option("--over", required=True, metavar="frequency=LOW:HIGH", help="The window of frequencies.")
+@click.option("--body", required=True, help="Whose first harmonic is in phase resonance, or held.")
+@click.option("--levels", metavar="LOW,HIGH", help="Amplitudes of the excitation between which backbones are followed; "
+              "one: from a hundredth of it. [default: the record's]")  # fmt: skip
+@click.option("--hold", metavar="A,B", help="Amplitudes that are held over the frequency, such as '1 mm,2 mm'.")
+@click.option("--harmonics", type=click.IntRange(min=1), default=7, show_default=True, help="The highest balanced.")
+@click.option("--most", type=click.IntRange(min=1), default=400, show_default=True, help="Points of a curve.")
+@SET
+@RECORD
+@BEST
+@OUT
+@output_option("[default: backbone.nc in out/]")
+@reporting_mistakes
+def backbone(study: Path, over: str, body: str, **options: Any) -> None:
+    """Draw how the resonance of a body of STUDY's simulator moves with its amplitude, by harmonic balance.
+
+    A backbone is followed directly, through motions whose first harmonic lags the excitation by a quarter of a period.
+    With --hold also the level that holds an amplitude, over the frequency: a test under amplitude control.
+
+    \b
+    Example:  calib backbone studies/minimal --over frequency=40:60 --body q2 --levels 0.0001%,0.01%
+    """
+    from calib.cli.backbone import draw_backbones  # see above
+
+    draw_backbones(study, over, body, **options)
+
+
 @click.command(short_help="Which states lead to which motion: basins of attraction.")
 @STUDY
 @click.option("--x", required=True, metavar="NAME=LOW:HIGH:COUNT", help="A component of the state.")

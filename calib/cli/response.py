@@ -6,12 +6,11 @@ from pathlib import Path
 import click
 import numpy as np
 
-from calib.cli.given import bodies_drawn, map_at, quantity, setting, spare_other_files, windows
+from calib.cli.given import bodies_drawn, response_levels, response_window, setting, spare_other_files
 from calib.dynamics.harmonic_response import TOUCHING, balanced_response
 from calib.dynamics.orbit_kind import FAILED
 from calib.dynamics.response import (
     AMPLITUDE,
-    FREQUENCY,
     FrequencyResponse,
     Irregular,
     ResponseBranch,
@@ -56,9 +55,9 @@ def respond(
     """
     file = load(study)
     held = setting(file, settings, record, best, out, 0.0)
-    window = _window(over, held)
+    window = response_window(over, held)
     drawn = bodies_drawn(bodies, file, record)
-    amplitudes = _levels(levels, held)
+    amplitudes = response_levels(levels, held)
     path = output or (out or file.folder) / "response.nc"
     spare_other_files(path, "branch_level", "calib response")
     kept = harmonics or (SHOT_HARMONICS if method == SHOOTING else BALANCED_HARMONICS)
@@ -103,38 +102,6 @@ def _followed(
     if isolas:
         raise CalibError("--isolas: curves apart from the others are sought by shooting; drop --method or --isolas")
     return balanced_response(held, window, levels, harmonics=harmonics, steps=steps, most=most, on_level=on_level)
-
-
-def _window(over: str, held: Setting) -> tuple[float, float]:
-    """Read [excitation.]frequency=LOW:HIGH of --over [Hz]."""
-    name, equals, given = over.partition("=")
-    if name.strip() not in ("frequency", FREQUENCY) or not equals:
-        raise CalibError(
-            f"--over: a response is over the frequency of the excitation: expected frequency=LOW:HIGH, got {over!r}; "
-            "`calib branch` follows a motion over other parameters"
-        )
-    [(_, window)] = windows([f"{FREQUENCY}={given}"], held).items()
-    if window.scale == "log":
-        raise CalibError('--over: a response is followed on a linear scale; drop ":log"')
-    for end in (window.low, window.high):
-        map_at(f"--over: frequency = {shown(end, 'Hz')}", held, {FREQUENCY: end})
-    return window.low, window.high
-
-
-def _levels(text: str | None, held: Setting) -> list[float]:
-    """Read "A,B" of --levels into rising amplitudes (SI), each once; a percentage is of the record's."""
-    own = held.value(AMPLITUDE)
-    if text is None:
-        return [own]
-    levels = []
-    for part in (part.strip() for part in text.split(",")):
-        if part.endswith("%"):
-            levels.append(0.01 * quantity("--levels", part[:-1], "1") * own)
-        else:
-            levels.append(quantity("--levels", part, held.unit(AMPLITUDE)))
-        if not (levels[-1] > 0.0 and np.isfinite(levels[-1])):
-            raise CalibError(f"--levels: expected finite positive amplitudes of the excitation, got {part!r}")
-    return sorted(set(levels))
 
 
 def described(response: FrequencyResponse, bodies: Sequence[str]) -> Iterator[str]:

@@ -25,14 +25,20 @@ from calib.dynamics.response import (
     check_window,
     constant,
 )
-from calib.dynamics.series_curve import AT_STOP, SeriesCurve, SeriesMotion, linear_size
+from calib.dynamics.series_curve import (
+    AT_STOP,
+    MAX_RESCALINGS,
+    MAX_SIZE_RATIO,
+    MIN_SIZE_RATIO,
+    SeriesCurve,
+    SeriesMotion,
+    linear_size,
+)
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.modelling.modal_system import ModalMap
 
 SAME_SERIES_DISTANCE = 1e-6  # between coefficients, in units of the scale
-MIN_SIZE_RATIO, MAX_SIZE_RATIO = 0.2, 2.0  # of the motions of a branch over that by which its steps were chosen
-MAX_RESCALINGS = 4  # of the steps of a branch
 MOTIONS_CHECKED = 5  # of each branch, by shooting
 TOUCHING = "with impacts"  # kind of a motion that no series is sought of
 

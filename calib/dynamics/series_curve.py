@@ -18,6 +18,8 @@ from calib.dynamics.orbits import newton
 
 MAX_FIRST_STEPS = 30  # of Newton's method from the linear motion, or from the motion at a frequency beside it
 SIZE_FREQUENCIES = 200  # of the linear motion whose largest is the first idea of the size
+MIN_SIZE_RATIO, MAX_SIZE_RATIO = 0.2, 2.0  # of the motions of a branch over that by which its steps were chosen
+MAX_RESCALINGS = 4  # of the steps of a branch
 DIFFERENCE = 1e-6  # of the window, for the slope of the drive's amplitude over the frequency
 AT_STOP = "the motion reaches the stop, whose impacts harmonic balance does not serve"
 

@@ -15,16 +15,21 @@ import numpy as np
 from calib.dynamics.arclength import Mark, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.response import AMPLITUDE, FREQUENCY, harmonics_of_cycle
-from calib.dynamics.series_curve import SeriesCurve, SeriesMotion, linear_size
+from calib.dynamics.series_curve import (
+    MAX_RESCALINGS,
+    MAX_SIZE_RATIO,
+    MIN_SIZE_RATIO,
+    SeriesCurve,
+    SeriesMotion,
+    linear_size,
+)
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.modelling.modal_system import ModalMap, ModalSystem
 
-HARMONICS = 7, 15, 31, 63  # of the series, the next where those left out are more than MAX_LEFT_OUT
+SERIES_HARMONICS = 7, 15, 31, 63  # of the series, the next where those left out are more than MAX_LEFT_OUT
 MAX_LEFT_OUT = 3e-4  # velocity by the harmonics left out over that of the motion  [1]
-MAX_STRETCH_POINTS = 400
-MAX_STRETCH_RESCALINGS = 4
-MIN_STRETCH_SIZE, MAX_STRETCH_SIZE = 0.2, 2.0  # of the motions over that by which the steps of a curve are chosen
+MAX_STRETCH_POINTS = 400  # of one stable stretch
 SAME_MOTION = 0.02  # between the harmonics of a cycle and the series found from them, over its size  [1]
 
 
@@ -84,7 +89,7 @@ class SeriesSweep:
 
     def first(self, frequency: float) -> np.ndarray | None:
         """State (dimension,) of the stable motion that Newton's method finds from the linear one; None without one."""
-        balance = HarmonicBalance(self.system, HARMONICS[0])
+        balance = HarmonicBalance(self.system, SERIES_HARMONICS[0])
         guess = balance.linear_motion(2.0 * math.pi * frequency, self._drive(frequency))
         curve = self._curve(balance, self._linear_size)
         y = curve.solved(guess, frequency)
@@ -93,7 +98,7 @@ class SeriesSweep:
 
     def stretch(self, frequency: float, state: np.ndarray) -> SeriesStretch | None:
         """Follow the stable motion through a state of the section to its end; None where no series describes it."""
-        for harmonics in HARMONICS:
+        for harmonics in SERIES_HARMONICS:
             curve, motions, end = self._followed(HarmonicBalance(self.system, harmonics), frequency, state)
             if not motions:
                 return None
@@ -114,7 +119,7 @@ class SeriesSweep:
         """Curve, its stable motions with the special one at its end, and the kind of that; no motions without them."""
         y = self._coefficients(balance, frequency, state)
         curve = self._curve(balance, self._linear_size)
-        for _ in range(MAX_STRETCH_RESCALINGS):
+        for _ in range(MAX_RESCALINGS):
             found = curve.solved(y, frequency)
             start = None if found is None else curve.start(found, frequency)
             if found is None or start is None or not start.stable or start.clearance < 0.0:
@@ -123,7 +128,7 @@ class SeriesSweep:
                 return curve, [], ""
             way = run(curve, start._replace(tangent=self.direction * start.tangent), MAX_STRETCH_POINTS)
             size = max(float(np.abs(motion.z[:-1]).max()) for motion in way.points)
-            if MIN_STRETCH_SIZE <= size <= MAX_STRETCH_SIZE:
+            if MIN_SIZE_RATIO <= size <= MAX_SIZE_RATIO:
                 break
             curve = self._curve(balance, size * curve.scale)
         marked = [(index, mark.kind) for index, mark in way.marks]

@@ -134,3 +134,18 @@ def test_what_is_not_followed_is_said_with_its_reason():
         "not followed at level 0.1 N, 2 Hz .. 2.5 Hz (2 frequencies): period-9",
         "not followed at level 0.1 N, 3 Hz: failed: diverged",
     ]
+
+
+def test_a_backbone_says_where_it_runs_and_leaves_file_and_picture(study):
+    ended = calib("backbone", study, "--over", "frequency=2.8:4.5", "--body", "mass", "--levels", "0.02 N,1 N",
+                  "--hold", "4 mm,12 mm", "--out", study / "out")  # fmt: skip
+    said = ended.stdout.splitlines()
+    assert said[0].startswith("phase resonance of mass: 3.184 Hz at 0.02 N (0.9996 mm) .. 4.464 Hz at 1 N (35.51 mm)")
+    assert said[1].startswith("mass held at 4 mm: level 0.08046 N .. 1.583 N, least at 3.19")
+    assert "stable in part at constant level" in said[2]
+    assert (study / "out" / "backbone_mass.png").read_bytes().startswith(b"\x89PNG")
+    with xr.open_dataset(study / "out" / "backbone.nc") as written:
+        assert written.kind.values.tolist() == ["phase resonance", "constant response", "constant response"]
+        assert written.level.attrs["units"] == "N"
+    refused = calib("backbone", study, "--over", "frequency=5:6", "--body", "mass", code=1)
+    assert "mass has no resonance from 5 to 6 Hz at 0.006 N" in refused.stderr

@@ -68,9 +68,9 @@ def test_harmonics_are_added_until_those_left_out_hardly_move_the_mass(monkeypat
     setting = Setting(model, FORCE, values)
     sweep = SeriesSweep(setting, modal_system(setting, 2.8, 0.2), 0.2, (2.8, 3.6), 1.0, lambda _: 0.2)
     stretch = sweep.stretch(2.8, sweep.first(2.8))
-    monkeypatch.setattr(swept_series, "HARMONICS", (127,))
+    monkeypatch.setattr(swept_series, "SERIES_HARMONICS", (127,))
     expected = sweep.stretch(2.8, sweep.first(2.8))
-    monkeypatch.setattr(swept_series, "HARMONICS", (7,))
+    monkeypatch.setattr(swept_series, "SERIES_HARMONICS", (7,))
     assert sweep.stretch(2.8, sweep.first(2.8)) is None
     frequency = np.linspace(2.8, 3.6, 50)
     found, true = (CubicSpline(s.frequency, s.amplitude[:, 0])(frequency) for s in (stretch, expected))

@@ -1,0 +1,354 @@
+"""Backbones and constant-response curves of a body, by harmonic balance, directly: without responses at many levels.
+
+Frequency and level of the excitation are both unknown, and a condition on the body's first harmonic H_1 stands beside
+the equations of `calib.dynamics.harmonic_balance`. Phase resonance: H_1 lags the excitation by a quarter of a period,
+so that a force does as much work as damping takes (Peeters, Kerschen, Golinval, Journal of Sound and Vibration 330
+(2011) 486). Constant response: the modulus of H_1 is held, as a shaker's controller holds it; there a response that
+folds at constant level is a curve without folds.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from calib.dynamics.arclength import Mark, OneWay, root, run
+from calib.dynamics.harmonic_balance import HarmonicBalance
+from calib.dynamics.orbits import newton
+from calib.dynamics.response import AMPLITUDE, FREQUENCY
+from calib.dynamics.series_curve import (
+    AT_STOP,
+    MAX_FIRST_STEPS,
+    MAX_RESCALINGS,
+    MAX_SIZE_RATIO,
+    MIN_SIZE_RATIO,
+    SeriesMotion,
+    null_vector,
+)
+from calib.dynamics.setting import Setting
+from calib.errors import CalibError, nearest
+from calib.modelling.modal_system import ModalMap
+
+RESONANCE_FREQUENCIES = 2000  # of the linear motion, between which its phase passes a quarter of a period
+LEVEL_RANGE = 1e-3, 1e3  # of the levels of a constant response, over that of the linear one
+
+
+@dataclass(frozen=True, eq=False)
+class HeldBranch:
+    """Periodic motions of one body's condition, m of them: a backbone, or a constant-response curve.
+
+    Attributes
+    ----------
+    body : whose first harmonic the condition is on
+    frequency, level : (m,) of the excitation  [Hz], [its unit]
+    bodies : in the order of the harmonics
+    harmonics : (body, harmonic, m) complex amplitudes H_0, H_1, ... as `calib.dynamics.response.ResponseBranch`  [m]
+    stable : (m,) at constant frequency and level
+    left_out : (m,) velocity of the harmonics left out over that of the motion  [1]
+    end : why it ends
+    """
+
+    body: str
+    frequency: np.ndarray
+    level: np.ndarray
+    bodies: tuple[str, ...]
+    harmonics: np.ndarray
+    stable: np.ndarray
+    left_out: np.ndarray
+    end: str
+
+    @property
+    def amplitude(self) -> np.ndarray:
+        """Modulus (m,) of the first harmonic of the body  [m]."""
+        return np.asarray(np.abs(self.harmonics[self.bodies.index(self.body), 1]))
+
+
+def backbones(
+    setting: Setting,
+    body: str,
+    window: tuple[float, float],
+    levels: tuple[float, float],
+    *,
+    harmonics: int = 7,
+    most: int = 400,
+) -> tuple[HeldBranch, ...]:
+    """Motions in phase resonance, one curve for each resonance of the linear motion in the window.
+
+    Parameters
+    ----------
+    setting : whose period map tells its modal system
+    body : whose first harmonic lags the excitation by a quarter of a period
+    window : lowest and highest frequency  [Hz]
+    levels : lowest and highest amplitude of the excitation, in its unit
+    harmonics, most : of the series; points of a curve
+
+    Raises
+    ------
+    CalibError : an unknown body, an empty window, levels that do not rise from above 0, a simulator that harmonic
+        balance does not serve, or no resonance in the window
+    """
+    held = _Held(setting, body, window, levels, harmonics)
+    frequencies = np.linspace(*window, RESONANCE_FREQUENCIES)
+    first = np.array([held.first_harmonic(held.linear(f, levels[0]), f, levels[0]) for f in frequencies.tolist()])
+    lagging = np.flatnonzero((first.real[:-1] > 0.0) & (first.real[1:] <= 0.0) & (first.imag[:-1] < 0.0))
+    found = []
+    for place in lagging.tolist():
+        share = first.real[place] / (first.real[place] - first.real[place + 1])
+        frequency = float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))
+        branch = held.followed(_quadrature, frequency, levels[0], vary=0, most=most)
+        if branch is not None:
+            found.append(branch)
+    if not found:
+        low, high = window
+        raise CalibError(
+            f"{body} has no resonance from {low:g} to {high:g} Hz at {levels[0]:g} {held.unit}: nowhere does its first "
+            "harmonic begin to lag by a quarter of a period; widen the window, or lower the level"
+        )
+    return tuple(found)
+
+
+def constant_responses(
+    setting: Setting,
+    body: str,
+    amplitudes: Sequence[float],
+    window: tuple[float, float],
+    *,
+    harmonics: int = 7,
+    most: int = 400,
+) -> tuple[HeldBranch, ...]:
+    """Motions at held amplitudes of a body over the frequency: the level that each takes.
+
+    Parameters
+    ----------
+    amplitudes : of the body's first harmonic  [m]
+    setting, body, window, harmonics, most : as those of `backbones`
+
+    Raises
+    ------
+    CalibError : as `backbones`, amplitudes that are not above 0, or one from whose linear motion none is found
+    """
+    found = []
+    for amplitude in amplitudes:
+        if not (amplitude > 0.0 and math.isfinite(amplitude)):
+            raise CalibError(f"expected amplitudes of {body} above 0, got {amplitude:g} m")
+        per_level = abs(_Held(setting, body, window, (0.5, 1.0), 1).per_level(window[0]))
+        if per_level == 0.0:
+            raise CalibError(f"the excitation does not move {body}: no level holds its amplitude")
+        level = amplitude / per_level
+        low, high = (share * level for share in LEVEL_RANGE)
+        held = _Held(setting, body, window, (low, high), harmonics)
+        branch = held.followed(_modulus(amplitude), window[0], level, vary=1, most=most)
+        if branch is None:
+            raise CalibError(
+                f"no motion of {body} with an amplitude of {amplitude:g} m is found at {window[0]:g} Hz, where the "
+                "curve begins; begin the window elsewhere, or lower the amplitude"
+            )
+        found.append(branch)
+    return tuple(found)
+
+
+class Condition(NamedTuple):
+    """Value of a condition on the first harmonic, without a unit, and its change with small changes of that."""
+
+    value: float
+    slope: Callable[[np.ndarray], np.ndarray]
+
+
+def _quadrature(first: complex) -> Condition:
+    """Cosine of the angle by which the first harmonic lags."""
+    size = abs(first) or 1.0
+    return Condition(first.real / size, lambda change: (change / first).imag * -first.imag / size)
+
+
+def _modulus(amplitude: float) -> Callable[[complex], Condition]:
+    """Logarithm of the modulus over `amplitude` [m]."""
+    return lambda first: Condition(
+        math.log(abs(first) / amplitude) if first else -math.inf, lambda change: (change / first).real
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _HeldCurve:
+    """Motions whose first harmonic fulfils a condition, as `calib.dynamics.arclength.SolutionCurve`.
+
+    The last two components of z are frequency and level, over their windows; the level on a logarithmic scale.
+    """
+
+    held: "_Held"
+    condition: Callable[[complex], Condition]
+    scale: float
+    parameters: int = 2
+
+    def unpacked(self, z: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """Coefficients, frequency [Hz] and level."""
+        (low, high), (least, largest) = self.held.window, self.held.levels
+        level = math.exp((1.0 - z[-1]) * math.log(least) + z[-1] * math.log(largest))
+        frequency = float((1.0 - z[-2]) * low + z[-2] * high)
+        return self.scale * z[:-2].reshape(-1, self.held.balance.size), frequency, level
+
+    def packed(self, y: np.ndarray, frequency: float, level: float) -> np.ndarray:
+        """Point z (d,)."""
+        (low, high), (least, largest) = self.held.window, self.held.levels
+        place = math.log(level / least) / math.log(largest / least)
+        return np.append(y.ravel() / self.scale, [(frequency - low) / (high - low), place])
+
+    @cached_property
+    def _units(self) -> np.ndarray:
+        system = self.held.balance.system
+        largest = np.maximum(np.abs(system.stiffness), (2.0 * math.pi * self.held.window[1]) ** 2)
+        return self.scale * np.repeat(largest, self.held.balance.size)
+
+    def residual(self, z: np.ndarray) -> np.ndarray:
+        """What is left of the balance, and of the condition (d - 1,)."""
+        y, frequency, level = self.unpacked(z)
+        left = self.held.balance.residual(y, 2.0 * math.pi * frequency, self.held.drive(level)).ravel() / self._units
+        return np.append(left, self.condition(self.held.first_harmonic(y, frequency, level)).value)
+
+    def derivative(self, z: np.ndarray) -> np.ndarray:
+        """Derivative (d - 1, d) of the residual."""
+        y, frequency, level = self.unpacked(z)
+        (low, high), (least, largest) = self.held.window, self.held.levels
+        drive, by_level = self.held.drive(level), self.held.drive(level) * math.log(largest / least)
+        parts = self.held.balance.derivatives(y, 2.0 * math.pi * frequency, drive)
+        balance = np.column_stack(
+            [self.scale * parts[0], 2.0 * math.pi * (high - low) * parts[1].ravel(), by_level * parts[2].ravel()]
+        )
+        row, of_drive = self.held.first_harmonic_row
+        change = np.concatenate([self.scale * row, [0.0, by_level * of_drive]])
+        slope = self.condition(self.held.first_harmonic(y, frequency, level)).slope(change)
+        return np.vstack([balance / self._units[:, None], slope])
+
+    def start(self, y: np.ndarray, frequency: float, level: float, vary: int) -> SeriesMotion | None:
+        """Point at which parameter `vary` (0 frequency, 1 level) is free, followed towards more of the other one."""
+        z = self.packed(y, frequency, level)
+        free = np.delete(np.arange(z.size), -2 if vary == 1 else -1)
+
+        def whole(u: np.ndarray) -> np.ndarray:
+            full = z.copy()
+            full[free] = u
+            return full
+
+        u, _, reason = newton(
+            lambda u: self.residual(whole(u)), lambda u: self.derivative(whole(u))[:, free], z[free], MAX_FIRST_STEPS
+        )
+        heading = np.eye(z.size)[-2 if vary == 1 else -1]
+        return None if reason else self.point(whole(u), (0.0,), heading)
+
+    def point(self, z: np.ndarray, steps: tuple[float, ...], heading: np.ndarray) -> SeriesMotion | None:
+        """Point at a solution, its tangent along `heading` (d,); None where the derivative is not known."""
+        matrix = self.derivative(z)
+        if not np.isfinite(matrix).all():
+            return None
+        y, frequency, level = self.unpacked(z)
+        drive = self.held.drive(level)
+        multipliers = self.held.balance.multipliers(y, 2.0 * math.pi * frequency, drive)
+        clearance = self.held.balance.clearance(y, drive)
+        return SeriesMotion(z, null_vector(matrix, heading), multipliers, matrix, len(steps) - 1, clearance)
+
+    def obstacle(self, base: SeriesMotion, point: SeriesMotion) -> str:
+        """Nothing."""
+        return ""
+
+    def marks(self, base: SeriesMotion, ahead: SeriesMotion) -> list[Mark[SeriesMotion]] | None:
+        """Where a rigid stop is touched, and the curve ends."""
+        if ahead.clearance >= 0.0:
+            return []
+        touch = root(self, base, ahead, lambda point, _: point.clearance)
+        return None if touch is None else [Mark("grazing", touch, AT_STOP, last=True)]
+
+    def where(self, point: SeriesMotion) -> str:
+        """Frequency and level of a point."""
+        _, frequency, level = self.unpacked(point.z)
+        return f"{frequency:g} Hz, {level:g} {self.held.unit}"
+
+
+class _Held:
+    """What the curves of one body share."""
+
+    def __init__(
+        self, setting: Setting, body: str, window: tuple[float, float], levels: tuple[float, float], harmonics: int
+    ) -> None:
+        if not 0.0 < window[0] < window[1] < math.inf:
+            raise CalibError(f"expected frequencies that rise from above 0, got {window[0]:g} to {window[1]:g} Hz")
+        if not 0.0 < levels[0] < levels[1] < math.inf:
+            raise CalibError(f"expected levels that rise from above 0, got {levels[0]:g} to {levels[1]:g}")
+        map = setting.map({FREQUENCY: window[0], AMPLITUDE: levels[1]})
+        if not isinstance(map, ModalMap):
+            raise CalibError(
+                f"the period map of {setting.model.name!r} does not tell its modal system, which backbones and "
+                "constant responses are of; take responses at several levels"
+            )
+        if body not in map.bodies:
+            raise CalibError(f"no body {body!r}{nearest(body, map.bodies)}; there are {', '.join(map.bodies)}")
+        self.balance = HarmonicBalance(map.modal_system(), harmonics)
+        self.body, self.bodies, self.window, self.levels = body, tuple(map.bodies), window, levels
+        self.unit = setting.unit(AMPLITUDE)
+        self.per_unit = self.balance.system.amplitude / levels[1]
+        self.begin = setting.excitation.phase + 2.0 * math.pi * setting.phase
+
+    def drive(self, level: float) -> float:
+        """Amplitude of U at a level."""
+        return self.per_unit * level
+
+    def linear(self, frequency: float, level: float) -> np.ndarray:
+        """Coefficients of the linear motion."""
+        return self.balance.linear_motion(2.0 * math.pi * frequency, self.drive(level))
+
+    @cached_property
+    def first_harmonic_row(self) -> tuple[np.ndarray, complex]:
+        """Complex derivatives of H_1 of the body by the coefficients (n (2 H + 1),) and by the drive's amplitude."""
+        index, system = self.bodies.index(self.body), self.balance.system
+        turn = complex(np.exp(1j * (system.phase - self.begin)))
+        row = np.zeros((len(system.stiffness), self.balance.size), dtype=complex)
+        row[:, 1], row[:, 2] = system.bodies.shape[index] * turn, -1j * system.bodies.shape[index] * turn
+        return row.ravel(), complex(system.bodies.drive[index]) * turn
+
+    def first_harmonic(self, y: np.ndarray, frequency: float, level: float) -> complex:
+        """Complex amplitude H_1 of the body  [m]."""
+        row, of_drive = self.first_harmonic_row
+        return complex(row @ y.ravel() + of_drive * self.drive(level))
+
+    def per_level(self, frequency: float) -> complex:
+        """H_1 of the body in the linear motion for a level of 1  [m over the unit of the level]."""
+        level = self.levels[1]
+        return self.first_harmonic(self.linear(frequency, level), frequency, level) / level
+
+    def followed(
+        self, condition: Callable[[complex], Condition], frequency: float, level: float, vary: int, most: int
+    ) -> HeldBranch | None:
+        """Curve both ways from the motion near the linear one; `vary` as in `_HeldCurve.start`. None without one."""
+        y = self.linear(frequency, level)
+        scale = float(np.abs(y).max()) or 1.0
+        for _ in range(MAX_RESCALINGS):
+            curve = _HeldCurve(self, condition, scale)
+            start = curve.start(y, frequency, level, vary)
+            if start is None or start.clearance < 0.0:
+                return None
+            onward = run(curve, start, most)
+            size = max(float(np.abs(motion.z[:-2]).max()) for motion in onward.points)
+            if MIN_SIZE_RATIO <= size <= MAX_SIZE_RATIO:
+                break
+            scale *= size
+        return self._branch(curve, onward)
+
+    def _branch(self, curve: _HeldCurve, way: OneWay[SeriesMotion]) -> HeldBranch:
+        points = [curve.unpacked(motion.z) for motion in way.points]
+        system = self.balance.system
+        turn = np.exp(1j * np.arange(self.balance.harmonics + 1) * (system.phase - self.begin))
+        harmonics = [
+            self.balance.complex_amplitudes(self.balance.bodies(y, self.drive(level))) * turn for y, _, level in points
+        ]
+        left_out = [self.balance.left_out(y, 2.0 * math.pi * f, self.drive(level)) for y, f, level in points]
+        return HeldBranch(
+            self.body,
+            np.array([frequency for _, frequency, _ in points]),
+            np.array([level for _, _, level in points]),
+            self.bodies,
+            np.moveaxis(np.array(harmonics), 0, -1),
+            np.array([motion.stable for motion in way.points]),
+            np.array(left_out),
+            way.reason,
+        )
