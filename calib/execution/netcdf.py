@@ -2,7 +2,7 @@
 
 import errno
 import math
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,6 @@ import netCDF4
 import numpy as np
 import xarray as xr
 from scipy.io import netcdf_file
-from xarray.backends import NetCDF4DataStore
 
 from calib.errors import CalibError
 from calib.execution.apart import read_apart
@@ -42,20 +41,9 @@ def read_dataset(path: str | Path) -> xr.Dataset:
     try:
         # interrupted while it takes its locks, xarray would wait for itself for ever
         with uninterrupted():
-            _import_backend()
             return read_apart(partial(_read, path), path)
     except UNREADABLE as error:
         raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
-
-
-@cache
-def _import_backend() -> None:
-    """Import what xarray imports when it reads its first file, or each process that is forked for a file would."""
-    with netCDF4.Dataset("empty", "w", diskless=True) as empty:
-        empty.createDimension("x", 1)
-        empty.createVariable("x", str, ("x",))
-        empty.createVariable("y", "f8", ("x",))
-        xr.open_dataset(NetCDF4DataStore(empty)).load()
 
 
 def _read(path: Path) -> xr.Dataset:
