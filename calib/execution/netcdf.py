@@ -24,6 +24,10 @@ TEXT_BYTES = 64  # bytes that a short text takes in memory, about
 # what xarray and netCDF4 raise on content that they cannot decode
 UNREADABLE = (OSError, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
 
+# Where it first computes, xarray imports the packages of arrays that are installed (dask, pint). Done here, it is done
+# once, and not by each process that is forked to read a file or to simulate.
+xr.Dataset({"x": ("x", np.zeros(1))}).astype(np.float32)
+
 
 def read_dataset(path: str | Path) -> xr.Dataset:
     """Read a netCDF file whole.
