@@ -1,7 +1,9 @@
-"""What all tests share: one thread a process for linear algebra, the fork server, signals, and the order."""
+"""What all tests share: threads of linear algebra, the fork server, signals, collecting, and the order of the files."""
 
+import gc
 import os
 import signal
+import sys
 from collections import Counter
 from functools import partial
 
@@ -19,22 +21,53 @@ os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-LONG_FILES = (  # few tests, and some twenty seconds or more
-    "diagnosis/test_diagnose.py", "docs/test_blocks.py", "dynamics/test_response.py", "effects/test_conformance.py",
-    "fmu/test_calibration.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
-    "measured/test_benchmarks.py", "measured/test_diagnosis.py", "measured/test_spring_disc.py", "paper/test_fe.py",
-    "paper/test_minimal.py", "paper/test_story.py", "simulators/test_compliant_contact.py",
-    "simulators/test_uncompiled_contact.py", "study/test_elsewhere.py", "study/test_killed.py",
-    "study/test_recovery.py", "study/test_resume.py", "sweep/test_killed_sweep.py", "tests/test_calculix_beam.py",
-    "workflows/test_calibrate.py", "workflows/test_command_study.py", "workflows/test_confidence.py",
-    "workflows/test_new.py", "workflows/test_window.py",
+FIRST_FILES = (  # the first compiles the kernels that most tests take from the cache; the next need none meanwhile
+    "docs/test_blocks.py", "workflows/test_command_study.py", "cli/test_cli.py", "cli/test_cli_dynamics.py",
+    "workflows/test_python_study.py",
 )  # fmt: skip
+LONG_FILES = (  # few tests, and some ten seconds or more
+    "diagnosis/test_diagnose.py", "dynamics/test_response.py", "effects/test_conformance.py",
+    "fmu/test_calibration.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
+    "hidden/test_hider.py", "hidden/test_remainder.py", "measured/test_benchmarks.py", "measured/test_diagnosis.py",
+    "measured/test_spring_disc.py", "paper/test_fe.py", "paper/test_minimal.py", "paper/test_story.py",
+    "pages/test_page.py", "pools/test_remote.py", "readers/test_damaged.py", "sensitivity/test_study.py",
+    "simulators/test_compliant_contact.py", "simulators/test_uncompiled_contact.py", "store/test_postgresql.py",
+    "study/test_elsewhere.py", "study/test_killed.py", "study/test_recovery.py", "study/test_resume.py",
+    "sweep/test_killed_sweep.py", "sweep/test_run.py", "tests/test_calculix_beam.py", "tests/test_studies.py",
+    "workflows/test_calibrate.py", "workflows/test_confidence.py", "workflows/test_new.py", "workflows/test_window.py",
+)  # fmt: skip
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect at the price of one run: the garbage collector aside, and what was compiled kept for the next.
+
+    What is collected lives until the end, and the collector would go through it again and again, as it would during
+    the tests. Bytecode is written whatever PYTHONDONTWRITEBYTECODE says, as an installation writes it: otherwise each
+    child process of the tests compiles the sources of calib again, and each run the tests' assertions.
+    """
+    gc.disable()
+    kept, sys.dont_write_bytecode = sys.dont_write_bytecode, False
+    try:
+        return (yield)
+    finally:
+        sys.dont_write_bytecode = kept
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let the files that take longest begin first, lest one of them runs alone in the end: then those of many tests."""
     files = Counter(item.path for item in items)
-    items.sort(key=lambda item: (not str(item.path).endswith(LONG_FILES), -files[item.path]))
+    rank = {path: _rank(str(path)) for path in files}
+    items.sort(key=lambda item: (rank[item.path], -files[item.path]))
+
+
+def _rank(path: str) -> int:
+    for place, name in enumerate(FIRST_FILES):
+        if path.endswith(name):
+            return place
+    return len(FIRST_FILES) + (not path.endswith(LONG_FILES))
 
 
 @pytest.fixture(scope="session", autouse=True)
