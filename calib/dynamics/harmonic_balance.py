@@ -53,6 +53,7 @@ class HarmonicBalance:
         for k in orders:
             self._turn[2 * k - 1, 2 * k], self._turn[2 * k, 2 * k - 1] = k, -k
         self._slope = self._synthesis @ self._turn
+        self._last: tuple[tuple[bytes, float, float], Forces] | None = None
 
     @property
     def size(self) -> int:
@@ -61,7 +62,7 @@ class HarmonicBalance:
 
     def residual(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
         """Left-hand sides (n, 2 H + 1) less right-hand sides, of coefficients of a drive of `amplitude` at `omega`."""
-        forces = self.forces(y, omega, amplitude, derivatives=False)
+        forces = self.forces(y, omega, amplitude)
         return self._linear(y, omega) - self._drive(omega, amplitude) - self.system.gain @ (
             forces.value @ self._analysis.T
         )  # fmt: skip
@@ -74,7 +75,7 @@ class HarmonicBalance:
         """
         system, size, places = self.system, self.size, self.system.places
         n = len(system.stiffness)
-        forces = self.forces(y, omega, amplitude, derivatives=True)
+        forces = self.forces(y, omega, amplitude)
         whole = np.zeros((n, size, n, size))
         modes = np.arange(n)
         whole[modes, :, modes, :] = (
@@ -96,11 +97,14 @@ class HarmonicBalance:
         )
         return whole.reshape(n * size, n * size), by_omega, by_amplitude
 
-    def forces(self, y: np.ndarray, omega: float, amplitude: float, derivatives: bool) -> Forces:
-        """Forces at the places (p, m) along the motion."""
-        motion = self.motion(y, omega, amplitude)
-        times = (self.phase - self.system.phase) / omega
-        return self.system.forces(motion.position, motion.rate, times, derivatives)
+    def forces(self, y: np.ndarray, omega: float, amplitude: float) -> Forces:
+        """Forces at the places (p, m) along the motion; those of the motion asked for last are kept."""
+        key = y.tobytes(), omega, amplitude
+        if self._last is None or self._last[0] != key:
+            motion = self.motion(y, omega, amplitude)
+            times = (self.phase - self.system.phase) / omega
+            self._last = key, self.system.forces(motion.position, motion.rate, times)
+        return self._last[1]
 
     def motion(self, y: np.ndarray, omega: float, amplitude: float) -> Motion:
         """Motion of the modes and at the places."""
@@ -134,7 +138,7 @@ class HarmonicBalance:
         et al., Acta Numerica 9 (2000) 215), two instants a step.
         """
         system, n = self.system, len(self.system.stiffness)
-        forces = self.forces(y, omega, amplitude, derivatives=True)
+        forces = self.forces(y, omega, amplitude)
         shape = system.places.shape
         rates = np.zeros((len(self.phase) + 1, 2 * n, 2 * n))
         rates[:, :n, n:] = np.eye(n)
@@ -179,7 +183,7 @@ class HarmonicBalance:
         seen in the velocity sooner than in the displacement, and forces may depend on either.
         """
         system = self.system
-        forces = self.forces(y, omega, amplitude, derivatives=False).value
+        forces = self.forces(y, omega, amplitude).value
         above = np.fft.rfft(forces, axis=-1)[:, self.harmonics + 1 :] * (2.0 / self.phase.size)
         order = omega * np.arange(self.harmonics + 1, self.phase.size // 2 + 1)
         impedance = system.stiffness[:, None] - order**2 + 2j * system.rate[:, None] * order

@@ -44,8 +44,7 @@ class ModalSystem:
     bodies : displacements of the simulator's bodies; `free`, indices of those that the state of the period map holds
     places : positions at which forces act
     gain : (n, p) modal load per unit of the force per unit mass at each place  [kg^1/2]
-    forces : positions and rates (p, m) at the places [m], [m/s], times (m,) [s], whether derivatives are wanted (zeros
-        where not)
+    forces : of positions and rates (p, m) at the places [m], [m/s], and times (m,) [s]
     kinked : whether forces have corners in position or rate, as that of a stop that yields
     clearance : of a rigid stop, one position; None without one, or where the stop yields and is among the places
     amplitude : A at the amplitude of the excitation that the system was made with, in its unit
@@ -60,7 +59,7 @@ class ModalSystem:
     free: tuple[int, ...]
     places: Linear
     gain: np.ndarray
-    forces: Callable[[np.ndarray, np.ndarray, np.ndarray, bool], Forces]
+    forces: Callable[[np.ndarray, np.ndarray, np.ndarray], Forces]
     kinked: bool
     clearance: Linear | None
     amplitude: float

@@ -49,9 +49,9 @@ def modal_system(problem: Problem, bodies: int, free: tuple[int, ...]) -> ModalS
         gains.append(compliance.load[:, None])
     acts = np.ascontiguousarray(problem.acts[:, columns])
 
-    def forces(position: np.ndarray, rate: np.ndarray, times: np.ndarray, derivatives: bool) -> Forces:
+    def forces(position: np.ndarray, rate: np.ndarray, times: np.ndarray) -> Forces:
         laws = len(columns)
-        parts = [_law_forces(problem, acts, position[:laws], rate[:laws], times, derivatives)]
+        parts = [_law_forces(problem, acts, position[:laws], rate[:laws], times)]
         if compliance is not None:
             parts.append(_contact_forces(compliance, position[laws:], rate[laws:]))
         return Forces(*(np.concatenate(part) for part in zip(*parts, strict=True)))
@@ -114,14 +114,14 @@ def _contact_forces(compliance: Compliance, clearance: np.ndarray, rate: np.ndar
 
 
 def _law_forces(
-    problem: Problem, acts: np.ndarray, position: np.ndarray, rate: np.ndarray, times: np.ndarray, derivatives: bool
+    problem: Problem, acts: np.ndarray, position: np.ndarray, rate: np.ndarray, times: np.ndarray
 ) -> Forces:
     out = np.zeros((3, *position.shape))
     count = int(problem.counts[FORCE_LAWS]) if position.size else 0
     if count:
         steps = np.array([np.abs(part).max(axis=1) for part in (position, rate)]) * LAW_DIFFERENCE
         steps[steps == 0.0] = LAW_DIFFERENCE
-        _evaluate(problem.force, problem.force_p, count, acts, position, rate, times, steps, derivatives, out)
+        _evaluate(problem.force, problem.force_p, count, acts, position, rate, times, steps, out)
     return Forces(*out)
 
 
@@ -155,20 +155,18 @@ def _evaluate(
     rate: np.ndarray,
     times: np.ndarray,
     steps: np.ndarray,
-    derivatives: bool,
     out: np.ndarray,
 ) -> None:
-    """Write sums of the laws (3, place, instant): value, and by position and rate where derivatives are wanted."""
+    """Write sums of the laws (3, place, instant): value, and derivatives by position and rate."""
     z, dz = np.zeros(STATES), np.zeros(STATES)
     for a in range(position.shape[0]):
         own, hx, hv = acts[:, a], steps[0, a], steps[1, a]
         for j in range(times.size):
             t, x, v = times[j], position[a, j], rate[a, j]
             out[0, a, j] = _sum(laws, parameters, count, own, t, x, v, z, dz)
-            if derivatives:
-                ahead = _sum(laws, parameters, count, own, t, x + hx, v, z, dz)
-                behind = _sum(laws, parameters, count, own, t, x - hx, v, z, dz)
-                out[1, a, j] = (ahead - behind) / (2.0 * hx)
-                ahead = _sum(laws, parameters, count, own, t, x, v + hv, z, dz)
-                behind = _sum(laws, parameters, count, own, t, x, v - hv, z, dz)
-                out[2, a, j] = (ahead - behind) / (2.0 * hv)
+            ahead = _sum(laws, parameters, count, own, t, x + hx, v, z, dz)
+            behind = _sum(laws, parameters, count, own, t, x - hx, v, z, dz)
+            out[1, a, j] = (ahead - behind) / (2.0 * hx)
+            ahead = _sum(laws, parameters, count, own, t, x, v + hv, z, dz)
+            behind = _sum(laws, parameters, count, own, t, x, v - hv, z, dz)
+            out[2, a, j] = (ahead - behind) / (2.0 * hv)
