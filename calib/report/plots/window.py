@@ -8,6 +8,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from calib.confidence.window.document import ParameterTolerance, WindowResult
 from calib.report.plots.continuation import SPECIAL, stability_line
@@ -188,6 +189,8 @@ def _label(axes: Axes, result: WindowResult, dataset: xr.Dataset, row: int, colu
     axes.set_xlim(x[0], x[-1])
     if result.windows[names[column]].scale == "log":
         axes.set_xscale("log")
+    else:  # without a label at the right edge, which would run into that of the next panel
+        axes.xaxis.set_major_locator(MaxNLocator(4, prune="upper"))
     if row != column:
         axes.set_ylim(y[0], y[-1])
         if result.windows[names[row]].scale == "log":
