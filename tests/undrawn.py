@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+from markupsafe import Markup
 
+from calib.report.pages.picture import _pictures
 from calib.store.store import Store
 
 
@@ -14,4 +16,15 @@ def undrawn() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Store, "_draw", lambda store, trial, records: None)
         patch.setattr("calib.workflows.calibrate.render", lambda *shown: "")
+        yield
+
+
+@contextmanager
+def empty_pictures() -> Iterator[None]:
+    """Leave the pictures of the trials out, and those of the report empty: for tests of its text; also a decorator."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Store, "_draw", lambda store, trial, records: None)
+        patch.setattr("calib.report.pages.page.drawn", lambda content, jobs: {
+            picture.name: Markup("<svg></svg>") for picture in _pictures(content)
+        })  # fmt: skip
         yield

@@ -11,7 +11,7 @@ from output_formats import FORMATS, TIME
 from calib.errors import CalibError
 from calib.simulators.command.readers import reader
 
-TRIES = 12
+TRIES = [4, pytest.param(12, marks=pytest.mark.slow)]
 MAX_PEAK_BYTES = 2**26  # bytes: none of the files holds more than 10 kB
 
 
@@ -31,15 +31,16 @@ def damaged(content, rng):
     return bytes(changed)
 
 
+@pytest.mark.parametrize("tries", TRIES)
 @pytest.mark.parametrize("form", FORMATS.values(), ids=FORMATS)
-def test_damaged_files_are_read_or_refused_by_name(tmp_path, form):
+def test_damaged_files_are_read_or_refused_by_name(tmp_path, form, tries):
     read, path, rng, options = reader(form.reader), tmp_path / form.file, random.Random(7), form.options
     form.write(path)
     content = path.read_bytes()
     assert len(read(path, **options).values) > 0
     tracemalloc.start()
     try:
-        for _ in range(TRIES):
+        for _ in range(tries):
             path.write_bytes(damaged(content, rng))
             try:
                 read(path, **options)
