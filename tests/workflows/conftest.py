@@ -1,4 +1,4 @@
-"""What the tests of the workflows share: no pictures, which tests of the report, the command line and the pages draw."""
+"""What the tests of the workflows share: no pictures, which tests of the report and of the command line draw."""
 
 import pytest
 from undrawn import empty_pictures
