@@ -89,6 +89,15 @@ def fork_server():
 
 
 @pytest.fixture(scope="module")
+def without_pictures():
+    """Draw none in the tests of a file, which asks for it by `usefixtures`."""
+    from undrawn import empty_pictures  # here, as above
+
+    with empty_pictures():
+        yield
+
+
+@pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
     """A Dask scheduler, and a worker of two threads."""
     with DaskProcesses(tmp_path_factory.mktemp("dask")) as processes:

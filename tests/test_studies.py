@@ -11,6 +11,7 @@ from calib.cli import main
 from calib.records import read
 
 STUDIES = Path(__file__).parents[1] / "studies"
+pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
 def ran(name, out):

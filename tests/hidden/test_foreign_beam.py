@@ -22,6 +22,7 @@ RECORDS = [plan for plan in PLANS if plan.name != "quicker"]
 CANDIDATES = ("quadratic_drag", "cubic_stiffness", "interface_shift", "channel_gain")
 DRAG = 200.0  # 1/m: changes the layer's motion by a quarter
 NOISE = 0.005  # over each channel's rms
+pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from calib.workflows.calibrate import calibrate
 STUDIES = Path(__file__).parents[2] / "studies"
 ERRORS = runpy.run_path(str(STUDIES / "rmse.py"))["errors"]
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 
 
 def rmse(name, folder, begin=0):

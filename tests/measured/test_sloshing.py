@@ -18,6 +18,7 @@ from calib.workflows.diagnose import diagnose_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "sloshing" / "study.toml"
 PUBLISHED = 0.017055  # NMTE on decay 2 of SSMLearn's reduced model, in its observable space (examples/sloshing)
+pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
 @pytest.fixture(scope="module")

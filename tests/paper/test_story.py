@@ -11,6 +11,7 @@ from calib.workflows.diagnose import diagnose_study
 STUDY = Path(__file__).parents[2] / "studies" / "paper_story" / "study.toml"
 SUSPECTS = ["interface_shift", "gap_offset", "drive_harmonic_2"]
 TERM = "phase_curve of layer"
+pytestmark = pytest.mark.usefixtures("without_pictures")
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ BEST = {"alpha": 500.0, "beta": 0.155, "f": 0.01, "c_con": 5.0, "g_max": 1.15e-4
 TOLERANCE = 0.05  # of the layer's phase curve
 POINTS = 64  # of the window
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 
 
 @pytest.fixture(scope="module")
