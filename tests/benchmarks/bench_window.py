@@ -1,6 +1,6 @@
 """How many evaluations a window takes: emulated margins against classifiers of the label, on windows of known volume.
 
-Run as ``PYTHONPATH=tests python tests/benchmarks/bench_window.py --seeds 10 --evaluations 300,1000``; a sample of it is
+Run as ``PYTHONPATH=tests python tests/benchmarks/bench_window.py --seeds 10 --evaluations 300``; a sample of it is
 a test in ``tests/confidence/window``. Peers learn whether a point is admissible, and nothing else: boosted trees
 (scikit-learn) from Sobol points, and a Gaussian-process classifier (Bernoulli likelihood, Laplace's approximation,
 Matern 5/2 with a length for each parameter) whose points are chosen in batches where it is least certain, as level sets
@@ -16,18 +16,17 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from benchmarks.window_cases import CASES, DIM, TRUTH_POINTS, WindowCase, sobol
+from benchmarks.window_cases import CASES, DIM, WindowCase, sobol, true_share
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.gaussian_process import GaussianProcessClassifier
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 from threadpoolctl import threadpool_limits
 
 from calib.confidence.window.design import WindowDesign, space_filling, start_points
-from calib.confidence.window.sampling import region_sample
+from calib.confidence.window.sampling import fine_sample
 from calib.confidence.window.share import volume_share
 
 BATCH = 25  # points of which the next ones are chosen
-TEST_POINTS = 1 << 15  # at which a classification is compared with the truth
 REFITTED_UP_TO = 300  # points, up to which the classifier's hyperparameters are estimated anew; it costs minutes later
 POOL_POINTS = 1 << 11  # among which the classifier's next points are chosen
 
@@ -50,15 +49,15 @@ def misclassified(case: WindowCase, said: np.ndarray, points: np.ndarray) -> flo
 
 def emulated_margins(case: WindowCase, seed: int, evaluations: list[int]) -> dict[int, WindowOutcome]:
     """Outcome after each number of evaluations."""
-    truth, points = case.admissible(sobol(TRUTH_POINTS, 1)).mean(), sobol(TEST_POINTS, 2)
+    truth, points = true_share(case), case.points(case.test_points, 2)
     design, found = WindowDesign(DIM, seed), {}
-    observed = case.observe(space_filling(DIM, start_points(DIM), seed))
+    observed = case.observe(np.vstack([case.start(), space_filling(DIM, start_points(DIM), seed)]))
     while True:
         number = len(observed.points)
         if number in evaluations:
             region = design.region(observed)
-            sample = region_sample(region, observed.points[observed.admissible], seed)
-            share = volume_share(region, sample, seed)
+            sample = fine_sample(region, observed.points[observed.admissible], seed)
+            share = volume_share(region, sample, observed, seed)
             wrong = misclassified(case, region.probability(points) > 0.5, points)
             found[number] = WindowOutcome(wrong, share.low <= truth <= share.high, share.misclassified / share.value)
         left = [end - number for end in evaluations if end > number]
@@ -70,9 +69,10 @@ def emulated_margins(case: WindowCase, seed: int, evaluations: list[int]) -> dic
 
 def boosted_trees(case: WindowCase, seed: int, evaluations: list[int]) -> dict[int, WindowOutcome]:
     """Outcome of boosted trees that learn the label of Sobol points."""
-    found, test = {}, sobol(TEST_POINTS, 2)
+    found, test = {}, case.points(case.test_points, 2)
     for number in evaluations:
-        points = space_filling(DIM, number, seed)
+        start = case.start()
+        points = np.vstack([start, space_filling(DIM, number - len(start), seed)])
         trees = HistGradientBoostingClassifier(random_state=seed, min_samples_leaf=5).fit(
             points, case.admissible(points)
         )
@@ -82,8 +82,8 @@ def boosted_trees(case: WindowCase, seed: int, evaluations: list[int]) -> dict[i
 
 def bernoulli_level_set(case: WindowCase, seed: int, evaluations: list[int]) -> dict[int, WindowOutcome]:
     """Outcome of a Gaussian-process classifier whose points are chosen where it is least certain."""
-    found, test = {}, sobol(TEST_POINTS, 2)
-    points = space_filling(DIM, start_points(DIM), seed)
+    found, test = {}, case.points(case.test_points, 2)
+    points = np.vstack([case.start(), space_filling(DIM, start_points(DIM), seed)])
     kernel = START_KERNEL
     while True:
         number, labels = len(points), case.admissible(points)
@@ -116,13 +116,16 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--evaluations", default="100,300")
     parser.add_argument("--methods", default=",".join(METHODS))
+    parser.add_argument("--cases", default=",".join(case.name for case in CASES))
+    parser.add_argument("--first", type=int, default=0, help="first seed")
     options = parser.parse_args()
+    seeds = range(options.first, options.first + options.seeds)
     evaluations = [int(number) for number in options.evaluations.split(",")]
     with threadpool_limits(1):
-        for case in CASES:
+        for case in [case for case in CASES if case.name in options.cases.split(",")]:
             for method in options.methods.split(","):
                 begin = time.process_time()
-                outcomes = [METHODS[method](case, seed, evaluations) for seed in range(options.seeds)]
+                outcomes = [METHODS[method](case, seed, evaluations) for seed in seeds]
                 seconds = (time.process_time() - begin) / options.seeds
                 for number in evaluations:
                     own = [outcome[number] for outcome in outcomes]

@@ -1,6 +1,7 @@
 """Six-dimensional windows of known volume: margins with kinks, and kinds of motion at which they jump or cease."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -8,17 +9,28 @@ from scipy.stats import qmc
 
 from calib.confidence.window.observed import Observed, graded
 
-TRUTH_POINTS = 1 << 17  # of the quasi-random estimate of a volume; its error is 1e-3 of the volume
+TRUTH_POINTS = 1 << 20  # of the quasi-random estimate of a volume; its error is 1e-3 of the volume, 2e-2 of the least
 DIM = 6
+CUBE = ((0.0,) * DIM, (1.0,) * DIM)
 
 
 class WindowCase(NamedTuple):
-    """A window whose margins are known everywhere, and shown only where the motion is of the measured kind."""
+    """A window whose margins are known everywhere, and shown only where the motion is of the measured kind.
+
+    Attributes
+    ----------
+    box : lowest and highest corner of a part of the cube that holds the window
+    test_points : in it, at which a classification is compared with the truth
+    calibrated : (6,) point that is known to be admissible; () where none is
+    """
 
     name: str
     labels: tuple[str, ...]
     of_kind: tuple[bool, ...]
     shown: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    box: tuple[tuple[float, ...], tuple[float, ...]] = CUBE
+    test_points: int = 1 << 15
+    calibrated: tuple[float, ...] = ()
 
     def observe(self, points: np.ndarray) -> Observed:
         """What a simulator would tell of points (n, 6)."""
@@ -28,6 +40,22 @@ class WindowCase(NamedTuple):
     def admissible(self, points: np.ndarray) -> np.ndarray:
         """Whether points (n, 6) are in the window."""
         return self.observe(points).admissible
+
+    def points(self, number: int, seed: int) -> np.ndarray:
+        """Scrambled Sobol points (number, 6) of the box; the number is a power of two."""
+        low, high = np.array(self.box)
+        return low + (high - low) * sobol(number, seed)
+
+    def start(self) -> np.ndarray:
+        """Points (k, 6) that are known before the search: the calibrated one."""
+        return np.array(self.calibrated).reshape(-1, DIM)
+
+
+@cache
+def true_share(case: WindowCase) -> float:
+    """Share of the cube that is admissible."""
+    low, high = np.array(case.box)
+    return float(np.prod(high - low) * case.admissible(case.points(TRUTH_POINTS, 1)).mean())
 
 
 def _grazing(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -56,10 +84,35 @@ def _fold(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ~beyond, np.column_stack([graded(misfit, 0.25), graded(phase, 0.25)])
 
 
+def _ridge(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A window of 4e-5 of the cube, along a ridge on which two parameters are correlated by -0.996.
+
+    It is what `studies/paper_window` has: a damping, the gap and the shift of its middle decide, their sum 7 times as
+    much as how it is divided; friction, its damping and the contact's strength hardly matter. Misfits saturate; without
+    contact they are known as well, and motions of little damping are irregular.
+    """
+    damping, friction, strength, gap, shift = x[:, 0], x[:, 2], x[:, 3], 0.01 + 0.99 * x[:, 4], x[:, 5]
+    middle, division = gap + shift - 1.0, gap - 0.15
+    by_middle = 1.2 * np.tanh(5.5 * (middle + 0.02 * np.maximum(0.0, 0.3 - strength) - 0.01 * friction))
+    by_damping = np.tanh(3.8 * (damping - 0.667 + 0.3 * division))
+    by_division = 0.8 * np.sin(0.7 * division * (1.0 - 0.3 * middle))
+    by_division += 0.02 * np.maximum(0.0, friction - 0.5) * (1.0 - x[:, 1])
+    phase = np.sqrt(by_middle**2 + by_damping**2 + by_division**2)
+    amplitude = np.abs(0.8 * by_middle - 0.5 * by_damping + 0.1 * by_division)
+    approach = 0.25 - middle - 0.2 * (1.0 - damping) * np.abs(x[:, 4] - 0.3)
+    irregular = damping + 0.5 * x[:, 1] < 0.15 + 0.3 * np.maximum(0.0, shift - 0.3)
+    return ~irregular, np.column_stack([graded(phase, 0.05), graded(amplitude, 0.05), approach])
+
+
+RIDGE = WindowCase(
+    "ridge", ("phase", "amplitude", "contact"), (False, False, False), _ridge,
+    ((0.6, 0.0, 0.0, 0.0, 0.0, 0.6), (0.74, 1.0, 1.0, 1.0, 0.4, 1.0)), 1 << 18, (0.667, 0.5, 0.2, 0.5, 0.141, 0.85),
+)  # fmt: skip
 CASES = (
     WindowCase("grazing", ("grazing", "misfit"), (True, False), _grazing),
     WindowCase("flip", ("multiplier", "amplitude", "phase"), (True, False, False), _flip),
     WindowCase("fold", ("misfit", "phase"), (False, False), _fold),
+    RIDGE,
 )
 
 

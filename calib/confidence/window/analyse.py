@@ -13,7 +13,7 @@ from calib.confidence.window.faces import Face, faces
 from calib.confidence.window.margins import observed_of, of_measured_kind
 from calib.confidence.window.observed import Observed
 from calib.confidence.window.region import Region
-from calib.confidence.window.sampling import RegionSample, region_sample
+from calib.confidence.window.sampling import RegionSample, fine_sample
 from calib.confidence.window.shape import extent_along_axes, inscribed_ellipsoid, largest_box
 from calib.confidence.window.share import volume_share
 from calib.errors import CalibError
@@ -23,8 +23,6 @@ from calib.store.trial import failures
 from calib.study import CalibrationStudy
 from calib.study.result import FailureSummary
 
-FINAL_POINTS = 1 << 14  # quasi-random ones of which shares and shapes are estimated
-FINAL_SPLIT_POINTS = 1 << 12  # the same, of a small part of the cube
 MIN_SHAPE_POINTS = 100  # of the window, from which its second moments are known
 STEP_OUTSIDE = 1e-3  # edges of the cube, beyond an end, where its cause is read
 MAX_RELATIVE_UNCERTAINTY = 0.05  # misclassified over admissible volume, above which more points are advised  [1]
@@ -51,8 +49,8 @@ def analysed(
             f"of {len(trials)} points {int(observed.right.sum())} are of the measured kind: too few to draw a window; "
             "raise --budget, or narrow the study's windows"
         )
-    sample = region_sample(region, observed.points[observed.admissible], seed, FINAL_POINTS, FINAL_SPLIT_POINTS)
-    share = volume_share(region, sample, seed)
+    sample = fine_sample(region, observed.points[observed.admissible], seed)
+    share = volume_share(region, sample, observed, seed)
     inside = sample.points[sample.probability >= 0.5]
     box = largest_box(region, start)
     found = faces(region, sample, seed)

@@ -9,13 +9,13 @@ import xarray as xr
 from calib.confidence.window.margins import of_measured_kind
 from calib.confidence.window.observed import Observed
 from calib.confidence.window.region import Region
-from calib.confidence.window.sampling import RegionSample
+from calib.confidence.window.sampling import FINE_REPLICATES, FINE_SPLIT_POINTS, RegionSample
 from calib.modelling.parameter import Space
 from calib.records import OK
 from calib.store import Trial
 
 SLICE_NODES = 41  # along each side of a slice
-STORED_SAMPLE = 4096  # quasi-random points
+STORED_SAMPLE = FINE_REPLICATES * FINE_SPLIT_POINTS  # as many points as the densest part of a sample has
 
 
 def window_dataset(
@@ -29,9 +29,10 @@ def window_dataset(
 ) -> xr.Dataset:
     """Return what window.nc holds.
 
-    Its dimensions are parameter, point (evaluated), margin, sample (quasi-random points of the box that holds the
-    window), pair (of parameters), row and column (nodes of a slice through the centre: row along the second parameter
-    of the pair, column along the first). Positions are those in the windows of the study, 0 to 1; values are in SI.
+    Its dimensions are parameter, point (evaluated), margin, sample (points spread evenly over a part of the box that
+    holds the window), pair (of parameters), row and column (nodes of a slice through the centre: row along the second
+    parameter of the pair, column along the first). Positions are those in the windows of the study, 0 to 1; values are
+    in SI.
 
     Parameters
     ----------

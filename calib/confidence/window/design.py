@@ -82,16 +82,16 @@ def _targeted(region: Region, observed: Observed, batch: int, seed: int) -> np.n
     """
     rng = np.random.default_rng(seed)
     sample = region_sample(region, observed.points[observed.admissible], seed)
-    weight = sample.uncertainty + 1e-12
+    weight = sample.weight * (sample.uncertainty + 1e-12)
     size = min(TARGETS + CANDIDATES, len(weight))
     chosen = rng.choice(len(weight), size, replace=False, p=weight / weight.sum())
     rng.shuffle(chosen)
     points = sample.points[chosen]
     candidates, targets = slice(0, CANDIDATES), slice(CANDIDATES, None)
     blame, revealed = _blame(region, points[targets]), region.kind(points[candidates])
-    covariances = [margin.process.covariance(points)[0] for margin in region.margins]
+    covariances = [margin.covariance(points) for margin in region.margins]
     scales = [np.maximum(np.diag(covariance), MIN_MARGIN_VARIANCE) for covariance in covariances]
-    noises = [margin.process.noise_std[0] ** 2 for margin in region.margins]
+    noises = [margin.noise_variance for margin in region.margins]
     taken = list[int]()
     for _ in range(batch):
         gain = np.zeros(CANDIDATES)

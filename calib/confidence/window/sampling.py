@@ -5,39 +5,39 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from calib.confidence.window.region import Region
+from calib.confidence.window.region import HIGHEST_RANK, Region
 from calib.confidence.window.subset import subset_simulation
 
 LEVEL_POINTS = 1 << 13  # quasi-random ones of the cube
-SPLIT_POINTS = 1 << 10  # by subset simulation, which moves them many times
+SPLIT_POINTS = 1 << 9  # of each level of a subset simulation, which moves them many times
+REPLICATES = 2  # independent subset simulations
+FINE_LEVEL_POINTS, FINE_SPLIT_POINTS, FINE_REPLICATES = 1 << 14, 1 << 10, 8  # those of which shares are estimated
+MIN_INSIDE_POINTS = 100  # in the cube and more probably admissible than not, from which no levels are raised
+INSIDE_SHARE = 0.3  # of the points above a level, from which it is not raised further  [1]
 POSSIBLE = 1e-3  # probability of being admissible, below which a point counts as outside  [1]
-MIN_POSSIBLE_POINTS = 400  # in the cube, from which it is not narrowed
-POSSIBLE_SHARE = 0.3  # of the points of a part of the cube, from which that is not narrowed further  [1]
 BOX_MARGIN = 0.25  # by which a box is wider than the points that it is drawn about, of their extent at each end  [1]
 MIN_BOX_WIDTH = 0.01  # edges of the cube
 
 
 @dataclass(frozen=True, eq=False)
 class RegionSample:
-    """Points spread evenly over a part of the cube that holds the region.
+    """Points of the cube, densest where the region is; the first ones are in the densest part.
 
     Attributes
     ----------
     points : (m, dim)
     probability : (m,) of being admissible
-    volume : of the part, of the cube's  [1]
-    relative_std : standard deviation of the volume's estimate, over it; 0 for the whole cube  [1]
-    outside : expected admissible volume outside the part  [1]
-    chain : (m,) points of different chains are independent; None where all are quasi-random
+    weight : (m,) volume that each point stands for, of the cube's  [1]; their sum is 1
+    replicate : (m,) number of the independent simulation that each point is of; all 0 where they are quasi-random
+    relative_variance : least one of a volume in the densest part, over its square  [1]; 0 where they are quasi-random
     low, high : (dim,) of a box about the points that may be admissible
     """
 
     points: np.ndarray
     probability: np.ndarray
-    volume: float
-    relative_std: float
-    outside: float
-    chain: np.ndarray | None
+    weight: np.ndarray
+    replicate: np.ndarray
+    relative_variance: float
     low: np.ndarray
     high: np.ndarray
 
@@ -48,26 +48,43 @@ class RegionSample:
 
 
 def region_sample(
-    region: Region, inside: np.ndarray, seed: int, number: int = LEVEL_POINTS, split: int = SPLIT_POINTS
+    region: Region,
+    inside: np.ndarray,
+    seed: int,
+    number: int = LEVEL_POINTS,
+    split: int = SPLIT_POINTS,
+    replicates: int = REPLICATES,
 ) -> RegionSample:
-    """Sample the cube, or the part of it in which the region may be, where that is small.
+    """Sample the cube evenly, or the denser the more probably admissible where that is a small part of it.
 
     Parameters
     ----------
     inside : (k, dim) points that the box has to hold
-    number, split : of points of the cube and of a part of it, powers of two
+    number, split : of points of the cube and of each level of a subset simulation, powers of two
+    replicates : subset simulations
     """
     dim = inside.shape[1]
     points = qmc.Sobol(dim, seed=seed).random(number)
-    probability = region.probability(points)
-    if (probability > POSSIBLE).sum() >= MIN_POSSIBLE_POINTS:
-        return RegionSample(points, probability, 1.0, 0.0, 0.0, None, *_box(points, probability, inside))
-    part = subset_simulation(region.log_probability, np.exp, dim, np.log(POSSIBLE), POSSIBLE_SHARE, split, seed)
-    probability = np.exp(part.scores)
-    return RegionSample(
-        part.points, probability, part.volume, part.relative_std, part.below, part.chain,
-        *_box(part.points, probability, inside),
-    )  # fmt: skip
+    weight, replicate = np.full(number, 1.0 / number), np.zeros(number, dtype=int)
+    probability, variance = region.probability(points), 0.0
+    if (probability >= 0.5).sum() < MIN_INSIDE_POINTS:
+        seeds = np.random.SeedSequence(seed).generate_state(replicates)
+        parts = [
+            subset_simulation(region.rank, region.probability, dim, HIGHEST_RANK, INSIDE_SHARE, split, int(own))
+            for own in seeds
+        ]
+        weight = np.concatenate([part.weights for part in parts]) / replicates
+        order = np.argsort(weight, kind="stable")
+        points, weight = np.concatenate([part.points for part in parts])[order], weight[order]
+        replicate = np.repeat(np.arange(replicates), [len(part.points) for part in parts])[order]
+        probability = region.probability(points)
+        variance = float(np.mean([part.relative_variance for part in parts])) / replicates
+    return RegionSample(points, probability, weight, replicate, variance, *_box(points, probability, inside))
+
+
+def fine_sample(region: Region, inside: np.ndarray, seed: int) -> RegionSample:
+    """Sample of which shares and shapes are estimated (see `region_sample`)."""
+    return region_sample(region, inside, seed, FINE_LEVEL_POINTS, FINE_SPLIT_POINTS, FINE_REPLICATES)
 
 
 def _box(points: np.ndarray, probability: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.confidence.window.design import start_points
+from calib.confidence.window.observed import Observed
 from calib.confidence.window.region import Region
 from calib.confidence.window.sampling import RegionSample
-from calib.confidence.window.subset import clustered_variance
 
-DRAWS = 200  # joint draws of the margins
+DRAWS = 400  # joint draws of the margins
 MAX_JOINT_POINTS = 800  # of uncertain membership that are drawn jointly
-CERTAIN = 1e-3  # probability of being on the other side, below which a point is taken for what it is  [1]
 QUANTILES = (0.025, 0.975)  # of a 95 % interval
 
 
@@ -30,39 +30,51 @@ class VolumeShare:
     misclassified: float
 
 
-def volume_share(region: Region, sample: RegionSample, seed: int) -> VolumeShare:
+def volume_share(region: Region, sample: RegionSample, observed: Observed, seed: int) -> VolumeShare:
     """Share of the box that is admissible.
 
-    Points of certain membership count as they are; the others are drawn jointly, at most `MAX_JOINT_POINTS` of them,
-    and stand for all.
+    Of the points `MAX_JOINT_POINTS` are drawn jointly, chosen in proportion to what they add to the uncertainty; they
+    stand for all. The sample's own error multiplies each draw. As long as no admissible point was observed, emulators
+    only extrapolate: the share may be what the space-filling points, none of them admissible, leave open.
     """
     rng = np.random.default_rng(seed)
-    unsure = np.flatnonzero(sample.uncertainty > CERTAIN)
-    number = len(sample.probability)
-    certain = int((sample.probability > 1.0 - CERTAIN).sum())
-    counts = np.full(DRAWS, float(certain))
-    if unsure.size:
-        joint = rng.choice(unsure, min(unsure.size, MAX_JOINT_POINTS), replace=False)
-        inside = region.draws(sample.points[joint], DRAWS, seed).mean(axis=1)
-        counts += unsure.size * inside
-        sampled = np.sqrt(sample.probability[joint].var() / joint.size) * unsure.size * (joint.size < unsure.size)
-        counts += sampled * rng.standard_normal(DRAWS)
-    fractions = np.clip(counts / number, 0.0, 1.0)
-    fractions = fractions + np.sqrt(_sampling_variance(fractions, sample)) * rng.standard_normal(DRAWS)
-    volumes = sample.volume * np.exp(sample.relative_std * rng.standard_normal(DRAWS))
-    low, high = np.quantile(volumes * np.clip(fractions, 0.0, 1.0), QUANTILES)
-    value = sample.volume * float(sample.probability.mean())
+    value = float(sample.weight @ sample.probability)
+    spread = sample.weight * np.sqrt(sample.probability * (1.0 - sample.probability))
+    shares = np.full(DRAWS, value)
+    if spread.any():
+        chosen, times = np.unique(
+            rng.choice(len(spread), MAX_JOINT_POINTS, p=spread / spread.sum()), return_counts=True
+        )
+        factor = times * sample.weight[chosen] * spread.sum() / (MAX_JOINT_POINTS * spread[chosen])
+        inside = region.draws(sample.points[chosen], DRAWS, seed)
+        shares = shares + (inside - sample.probability[chosen]) @ factor
+    low, high = np.quantile(np.maximum(shares * _sampling_factors(sample, rng), 0.0), QUANTILES)
+    if not observed.admissible.any():
+        low, high = 0.0, max(float(high), _unseen(min(start_points(observed.points.shape[1]), len(observed.points))))
     return VolumeShare(
-        value + sample.outside, min(float(low), value), max(float(high), value) + sample.outside,
-        sample.volume * float(sample.uncertainty.mean()) + sample.outside,
-    )  # fmt: skip
+        value, min(float(low), value), max(float(high), value), float(sample.weight @ sample.uncertainty)
+    )
 
 
-def _sampling_variance(fractions: np.ndarray, sample: RegionSample) -> np.ndarray:
-    """Variance (draws,) of admissible fractions (draws,) of the sample's points, as it is of so many points only."""
-    independent = fractions * (1 - fractions) / len(sample.points)
-    if sample.chain is None:
-        return independent
-    inside = (sample.probability >= 0.5).astype(float)
-    alike = float(inside.var()) / len(inside)
-    return independent * (clustered_variance(inside, sample.chain) / alike if alike else 1.0)
+def _unseen(number: int) -> float:
+    """Share that so many independent points all miss with the probability that an interval has at its upper end."""
+    return 1.0 - float((1.0 - QUANTILES[1]) ** (1.0 / number))
+
+
+def _sampling_factors(sample: RegionSample, rng: np.random.Generator) -> np.ndarray:
+    """Factors (draws,) by which a volume may differ, as the points are so many only.
+
+    Of independent simulations their differences tell, with Student's distribution as they are few; but no less than if
+    all of their points were independent, lest four that agree by chance pass for certain.
+    """
+    volumes = np.bincount(sample.replicate, weights=sample.weight * sample.probability)
+    replicates = len(volumes)
+    mean = float(volumes.mean())
+    if not mean:
+        return np.ones(DRAWS)
+    if replicates > 1:
+        variance = float(volumes.var(ddof=1)) / replicates / mean**2
+        std = np.sqrt(max(variance, sample.relative_variance))
+        return np.maximum(1.0 + std * rng.standard_t(replicates - 1, DRAWS), 0.0)
+    std = float(sample.probability.std()) / np.sqrt(len(sample.points)) / mean
+    return np.maximum(1.0 + std * rng.standard_normal(DRAWS), 0.0)

@@ -1,9 +1,10 @@
-"""Subset simulation: points spread evenly over the part of the unit cube in which a score is high, and its volume.
+"""Subset simulation: points of the unit cube that lie the denser the higher a score, and the volumes they stand for.
 
-The part may be a tiny share of the cube: levels of the score are raised step by step, each reached by a fixed share of
-the points that are spread evenly above the one before, and the volume is the product of these conditional shares (Au &
-Beck 2001, Probabilistic Engineering Mechanics 16, 263). Points go on by differences of other points (ter Braak 2006,
-Statistics and Computing 16, 239), so that steps take the shape of the part, however thin and oblique it is.
+Where the score is high may be a tiny share of the cube: levels of the score are raised step by step, each reached by a
+fixed share of the points that are spread evenly above the one before, and a volume is the product of these conditional
+shares (Au & Beck 2001, Probabilistic Engineering Mechanics 16, 263). Points go on by differences of other points (ter
+Braak 2006, Statistics and Computing 16, 239), so that steps take the shape of the part, however thin and oblique it is.
+Points that stay below a level stand for what is between it and the one before.
 """
 
 from collections.abc import Callable
@@ -18,73 +19,70 @@ SWEEPS = 6  # in which each point of a level is moved
 STEP_FACTORS = (0.3, 0.6, 1.0)  # of the optimal length of a step in a normal distribution, drawn at random  [1]
 OPTIMAL_STEP = 2.38  # of it, over the square root of twice the parameters  [1]
 JITTER = 1e-6  # edges of the cube, added to steps lest they stay on a lattice of differences
+NEGLIGIBLE_SHARE = 0.01  # of an integral over the cube, that the part above a level may hold unseen  [1]
 
 
 @dataclass(frozen=True, eq=False)
-class Subset:
-    """Points spread evenly over the part of the unit cube in which a score exceeds a level.
+class WeightedPoints:
+    """Points of the unit cube, each with the volume that it stands for.
 
     Attributes
     ----------
-    points, scores : (m, dim) and (m,)
-    volume : of the part  [1]
-    relative_std : standard deviation of the volume's estimate, over it  [1]
-    below : integral over the rest of the cube of the weights that were asked for  [1]
-    chain : (m,) of each point: points of one chain began at the same point, and depend on each other
+    points : (m, dim)
+    weights : (m,), their sum is 1
+    relative_variance : of the volume above the last level, over its square, were all points of a level independent  [1]
     """
 
     points: np.ndarray
-    scores: np.ndarray
-    volume: float
-    relative_std: float
-    below: float
-    chain: np.ndarray
+    weights: np.ndarray
+    relative_variance: float
 
 
 def subset_simulation(
     score: Callable[[np.ndarray], np.ndarray],
-    weight: Callable[[np.ndarray], np.ndarray],
+    integrand: Callable[[np.ndarray], np.ndarray],
     dim: int,
     highest: float,
     enough: float,
     number: int,
     seed: int,
-) -> Subset:
+) -> WeightedPoints:
     """Raise the level until a share `enough` of the points above it scores `highest` at least.
+
+    It is not raised further where the part above it is too small to matter for the integral over the cube.
 
     Parameters
     ----------
     score : of points (m, dim) -> (m,), finite or -inf
-    weight : of scores (m,) -> (m,), whose integral below the last level is told
+    integrand : of points (m, dim) -> (m,), 0 to 1
     highest : score that the level never exceeds
     enough : share of the points  [1]
-    number : of points, a power of two
+    number : of points of a level, a power of two
     seed : of everything random
     """
     rng = np.random.default_rng(seed)
     points = qmc.Sobol(dim, seed=seed).random(number)
-    scores, chain = score(points), np.arange(number)
-    volume, variance, below = 1.0, 0.0, 0.0
+    scores = score(points)
+    passed, weights = list[np.ndarray](), list[np.ndarray]()
+    volume, below, variance = 1.0, 0.0, 0.0
     for _ in range(MAX_LEVELS):
-        if (scores >= highest).mean() >= enough:
+        if (scores >= highest).mean() >= enough or volume < NEGLIGIBLE_SHARE * below:
             break
         level = min(float(np.quantile(scores, 1.0 - LEVEL_SHARE)), highest)
         above = scores >= level
         share = float(above.mean())
         if share > 1.0 - LEVEL_SHARE or not np.isfinite(level):  # a plateau of the score: it leads nowhere
             break
-        below += volume * float(np.where(above, 0.0, weight(scores)).mean())
-        variance += clustered_variance(above.astype(float), chain) / share**2
+        left = points[~above]
+        passed.append(left)
+        weights.append(np.full(len(left), volume / number))
+        below += volume / number * float(integrand(left).sum())
         volume *= share
+        variance += (1.0 - share) / (share * number)
         origin = np.flatnonzero(above)[np.arange(number) % int(above.sum())]
-        (points, scores), chain = _spread(score, points[origin], scores[origin], level, rng), origin
-    return Subset(points, scores, volume, float(np.sqrt(variance)), below, chain)
-
-
-def clustered_variance(values: np.ndarray, chain: np.ndarray) -> float:
-    """Variance of the mean of values (m,) of which those of one chain (m,) depend on each other."""
-    departures = np.bincount(chain, weights=values - values.mean())
-    return float((departures**2).sum()) / len(values) ** 2
+        points, scores = _spread(score, points[origin], scores[origin], level, rng)
+    weight = np.concatenate([np.full(number, volume / number), *weights[::-1]])
+    return WeightedPoints(np.concatenate([points, *passed[::-1]]), weight, variance)
 
 
 def _spread(

@@ -14,7 +14,9 @@ def percent(share: float) -> str:
 
 
 def share_in_words(result: WindowResult) -> str:
-    """Say how large the window is."""
+    """Say how large the window is; at most, where the interval reaches down to nothing."""
+    if not result.share_low:
+        return f"at most {percent(result.share_high)} of the box is admissible (with 97.5 % probability)"
     return (
         f"{percent(result.share)} of the box is admissible (95 % interval {percent(result.share_low)} to "
         f"{percent(result.share_high)})"

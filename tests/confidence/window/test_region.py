@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 from benchmarks.bench_window import boosted_trees, emulated_margins
-from benchmarks.window_cases import CASES
+from benchmarks.window_cases import CASES, RIDGE
 from scipy.stats import qmc
 
 from calib.confidence.window.design import WindowDesign, estimated_at, space_filling, start_points
 from calib.confidence.window.document import WINDOW_END
+from calib.confidence.window.emulated_margin import signed_distances
 from calib.confidence.window.faces import faces
 from calib.confidence.window.observed import KIND_MARGIN, Observed, graded
-from calib.confidence.window.region import signed_distances
+from calib.confidence.window.region import emulated
 from calib.confidence.window.sampling import region_sample
 from calib.confidence.window.shape import extent_along_axes, inscribed_ellipsoid, largest_box
 from calib.confidence.window.share import volume_share
@@ -57,18 +58,18 @@ def test_a_margin_is_zero_at_its_tolerance_and_falls_with_the_size():
 
 
 def test_the_share_of_the_box_is_that_of_the_window(drawn):
-    region, _, sample = drawn
-    share = volume_share(region, sample, 1)
+    region, observed, sample = drawn
+    share = volume_share(region, sample, observed, 1)
     assert share.low < area() < share.high
     assert share.value == pytest.approx(area(), rel=0.03)
     assert share.high - share.low < 0.1 * area()
 
 
 def test_stated_misclassification_is_as_large_as_it_is(drawn):
-    region, _, sample = drawn
+    region, observed, sample = drawn
     points = qmc.Sobol(2, seed=9).random(1 << 12)
     wrong = ((region.probability(points) > 0.5) != disc(points).admissible).mean()
-    stated = volume_share(region, sample, 1).misclassified
+    stated = volume_share(region, sample, observed, 1).misclassified
     assert wrong < 0.03 * area()
     assert stated < 0.05 * area()
 
@@ -148,8 +149,45 @@ def test_hyperparameters_are_estimated_at_numbers_that_grow_by_a_third():
     assert all(1.3 < later / former < 1.35 for former, later in zip(numbers, numbers[1:], strict=False))
 
 
+def oblique(points):
+    """A misfit that is narrow across the direction (1, 1, 0, 0), ten times wider along (1, -1, 0, 0), and open else."""
+    across, along = points[:, 0] + points[:, 1] - 1.0, points[:, 0] - points[:, 1]
+    misfit = graded(np.hypot(across / 0.06, np.tanh(along) / 0.6), 1.0)
+    return Observed(points, np.ones(len(points), dtype=bool), misfit[:, None], ("misfit",), (False,))
+
+
+def test_an_oblique_window_is_emulated_along_its_own_axes():
+    points = space_filling(4, 64, 1)
+    [margin] = emulated(oblique(points)).margins
+    assert np.abs(margin.axes[:, 0] @ [1.0, 1.0, 0.0, 0.0]) / np.sqrt(2.0) > 0.99
+    np.testing.assert_allclose(margin.axes.T @ margin.axes, np.eye(4), atol=1e-12)
+    assert margin.process.lengths[0, 1] > 2.0 * margin.process.lengths[0, 0]
+    truth = oblique(qmc.Sobol(4, seed=9).random(1 << 10)).admissible
+    said = emulated(oblique(points)).probability(qmc.Sobol(4, seed=9).random(1 << 10)) > 0.5
+    assert (said != truth).sum() < 0.1 * truth.sum()
+
+
+def test_the_share_is_bounded_by_the_design_as_long_as_no_admissible_point_is_known():
+    """The emulator of a misfit that is far off everywhere is certain that there is no window; it only extrapolates."""
+    points = space_filling(2, 24, 1)
+    far = graded(10.0 + points[:, 0], 1.0)
+    observed = Observed(points, np.ones(len(points), dtype=bool), far[:, None], ("misfit",), (False,))
+    region = emulated(observed)
+    share = volume_share(region, region_sample(region, np.zeros((0, 2)), 1), observed, 1)
+    assert share.low == 0.0
+    assert (1.0 - share.high) ** start_points(2) == pytest.approx(0.025)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_interval_of_a_window_of_a_25000th_of_the_box_holds_its_share(seed):
+    found = emulated_margins(RIDGE, seed, [300])[300]
+    assert found.honest
+    assert found.misclassified < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [case for case in CASES if case is not RIDGE], ids=lambda case: case.name)
 def test_six_parameters_take_fewer_points_than_labels_would(case):
     emulated, labelled = emulated_margins(case, 0, [150])[150], boosted_trees(case, 0, [150])[150]
     assert emulated.misclassified < 0.15
