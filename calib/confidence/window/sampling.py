@@ -11,7 +11,7 @@ from calib.confidence.window.subset import subset_simulation
 LEVEL_POINTS = 1 << 13  # quasi-random ones of the cube
 SPLIT_POINTS = 1 << 9  # of each level of a subset simulation, which moves them many times
 REPLICATES = 2  # independent subset simulations
-FINE_LEVEL_POINTS, FINE_SPLIT_POINTS, FINE_REPLICATES = 1 << 14, 1 << 10, 8  # those of which shares are estimated
+FINE_LEVEL_POINTS, FINE_SPLIT_POINTS, FINE_REPLICATES = 1 << 14, 1 << 10, 4  # those of which shares are estimated
 MIN_INSIDE_POINTS = 100  # in the cube and more probably admissible than not, from which no levels are raised
 INSIDE_SHARE = 0.3  # of the points above a level, from which it is not raised further  [1]
 POSSIBLE = 1e-3  # probability of being admissible, below which a point counts as outside  [1]
@@ -29,7 +29,7 @@ class RegionSample:
     probability : (m,) of being admissible
     weight : (m,) volume that each point stands for, of the cube's  [1]; their sum is 1
     replicate : (m,) number of the independent simulation that each point is of; all 0 where they are quasi-random
-    relative_variance : least one of a volume in the densest part, over its square  [1]; 0 where they are quasi-random
+    relative_variance : of the volume of the densest part, over its square  [1]; 0 where they are quasi-random
     low, high : (dim,) of a box about the points that may be admissible
     """
 

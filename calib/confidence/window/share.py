@@ -64,8 +64,8 @@ def _unseen(number: int) -> float:
 def _sampling_factors(sample: RegionSample, rng: np.random.Generator) -> np.ndarray:
     """Factors (draws,) by which a volume may differ, as the points are so many only.
 
-    Of independent simulations their differences tell, with Student's distribution as they are few; but no less than if
-    all of their points were independent, lest four that agree by chance pass for certain.
+    Of independent simulations their differences tell, with Student's distribution as they are few; but no less than
+    each says of itself, lest a few that agree by chance pass for certain.
     """
     volumes = np.bincount(sample.replicate, weights=sample.weight * sample.probability)
     replicates = len(volumes)

@@ -4,13 +4,18 @@ Where the score is high may be a tiny share of the cube: levels of the score are
 fixed share of the points that are spread evenly above the one before, and a volume is the product of these conditional
 shares (Au & Beck 2001, Probabilistic Engineering Mechanics 16, 263). Points go on by differences of other points (ter
 Braak 2006, Statistics and Computing 16, 239), so that steps take the shape of the part, however thin and oblique it is.
-Points that stay below a level stand for what is between it and the one before.
+Points that stay below a level stand for what is between it and the one before. The product of so many shares, of levels
+that the points themselves decide, is too large on average by as much as its relative variance; in the end the volume of
+the last part is told anew, by importance sampling from a kernel density of its points, and the others scale with it.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.spatial.distance import cdist
+from scipy.special import logsumexp
 from scipy.stats import qmc
 
 LEVEL_SHARE = 0.15  # of the points of a level that reach the next one  [1]
@@ -19,6 +24,8 @@ SWEEPS = 6  # in which each point of a level is moved
 STEP_FACTORS = (0.3, 0.6, 1.0)  # of the optimal length of a step in a normal distribution, drawn at random  [1]
 OPTIMAL_STEP = 2.38  # of it, over the square root of twice the parameters  [1]
 JITTER = 1e-6  # edges of the cube, added to steps lest they stay on a lattice of differences
+IMPORTANCE_POINTS = 4  # of the kernel density, for each point of the last level
+BANDWIDTH = 0.6  # of the kernels, over the covariance of the points  [1]
 NEGLIGIBLE_SHARE = 0.01  # of an integral over the cube, that the part above a level may hold unseen  [1]
 
 
@@ -30,7 +37,7 @@ class WeightedPoints:
     ----------
     points : (m, dim)
     weights : (m,), their sum is 1
-    relative_variance : of the volume above the last level, over its square, were all points of a level independent  [1]
+    relative_variance : of the volume above the last level, over its square  [1]
     """
 
     points: np.ndarray
@@ -62,27 +69,66 @@ def subset_simulation(
     """
     rng = np.random.default_rng(seed)
     points = qmc.Sobol(dim, seed=seed).random(number)
-    scores = score(points)
-    passed, weights = list[np.ndarray](), list[np.ndarray]()
-    volume, below, variance = 1.0, 0.0, 0.0
+    scores, level = score(points), -np.inf
+    passed, volumes, below, variance = list[np.ndarray](), [1.0], 0.0, 0.0
     for _ in range(MAX_LEVELS):
-        if (scores >= highest).mean() >= enough or volume < NEGLIGIBLE_SHARE * below:
+        if (scores >= highest).mean() >= enough or volumes[-1] < NEGLIGIBLE_SHARE * below:
             break
-        level = min(float(np.quantile(scores, 1.0 - LEVEL_SHARE)), highest)
-        above = scores >= level
+        next_level = min(float(np.quantile(scores, 1.0 - LEVEL_SHARE)), highest)
+        above = scores >= next_level
         share = float(above.mean())
-        if share > 1.0 - LEVEL_SHARE or not np.isfinite(level):  # a plateau of the score: it leads nowhere
+        if share > 1.0 - LEVEL_SHARE or not np.isfinite(next_level):  # a plateau of the score: it leads nowhere
             break
-        left = points[~above]
-        passed.append(left)
-        weights.append(np.full(len(left), volume / number))
-        below += volume / number * float(integrand(left).sum())
-        volume *= share
+        level = next_level
+        passed.append(points[~above])
+        below += volumes[-1] / number * float(integrand(passed[-1]).sum())
+        volumes.append(volumes[-1] * share)
         variance += (1.0 - share) / (share * number)
         origin = np.flatnonzero(above)[np.arange(number) % int(above.sum())]
         points, scores = _spread(score, points[origin], scores[origin], level, rng)
-    weight = np.concatenate([np.full(number, volume / number), *weights[::-1]])
-    return WeightedPoints(np.concatenate([points, *passed[::-1]]), weight, variance)
+    volume, relative_variance = _importance_volume(score, level, points, rng) if passed else (1.0, 0.0)
+    if relative_variance > variance:  # the density suits the part badly
+        volume, relative_variance = volumes[-1], variance
+    return WeightedPoints(
+        np.concatenate([points, *passed[::-1]]), _weights(volumes, volume, number, passed), relative_variance
+    )
+
+
+def _weights(volumes: list[float], volume: float, number: int, passed: list[np.ndarray]) -> np.ndarray:
+    """Weights of the last points and of those that stayed below each level, the last level first.
+
+    Parameters
+    ----------
+    volumes : above each level, the first of which is the cube, as their shares tell
+    volume : above the last one, better known: its logarithm's difference is shared out evenly among the levels
+    """
+    steps = len(volumes) - 1
+    better = np.array(volumes) * (volume / volumes[-1]) ** (np.arange(steps + 1) / max(steps, 1))
+    shells = [np.full(len(left), (better[k] - better[k + 1]) / len(left)) for k, left in enumerate(passed)]
+    return np.concatenate([np.full(number, better[-1] / number), *shells[::-1]])
+
+
+def _importance_volume(
+    score: Callable[[np.ndarray], np.ndarray], level: float, points: np.ndarray, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Volume of the part of the cube above a level, and its variance over its square.
+
+    Parameters
+    ----------
+    points : (m, dim) spread over that part
+    """
+    number, dim = points.shape
+    root = BANDWIDTH * np.linalg.cholesky(np.cov(points, rowvar=False))
+    drawn = np.repeat(points, IMPORTANCE_POINTS, axis=0)
+    drawn = drawn + rng.standard_normal(drawn.shape) @ root.T
+    kept = drawn[((drawn >= 0.0) & (drawn <= 1.0)).all(axis=1)]
+    kept = kept[score(kept) >= level]
+    own, centres = (solve_triangular(root, each.T, lower=True).T for each in (kept, points))
+    kernels = logsumexp(-0.5 * cdist(own, centres, "sqeuclidean"), axis=1)
+    normalised = np.log(number) + 0.5 * dim * np.log(2.0 * np.pi) + np.log(np.diag(root)).sum()
+    ratios = np.exp(normalised - kernels)
+    mean = float(ratios.sum()) / len(drawn)
+    return mean, (float((ratios**2).sum()) / len(drawn) / mean**2 - 1.0) / len(drawn)
 
 
 def _spread(
