@@ -34,11 +34,23 @@ START_KERNEL = ConstantKernel(10.0, (1e-1, 1e4)) * Matern(np.full(DIM, 0.7), (0.
 
 
 class WindowOutcome(NamedTuple):
-    """Misclassified volume over the admissible one, and whether the stated interval holds the true share."""
+    """Misclassified volume over the admissible one, and where a share is stated its interval over the true share.
+
+    Attributes
+    ----------
+    misclassified : over the admissible volume  [1]
+    interval : ends of the stated 95 % interval, over the true share  [1]; None where none is stated
+    stated : expected misclassified volume over the stated share  [1]
+    """
 
     misclassified: float
-    honest: bool | None
+    interval: tuple[float, float] | None = None
     stated: float = float("nan")
+
+    @property
+    def honest(self) -> bool:
+        """Whether the stated interval holds the true share."""
+        return self.interval is not None and self.interval[0] <= 1.0 <= self.interval[1]
 
 
 def misclassified(case: WindowCase, said: np.ndarray, points: np.ndarray) -> float:
@@ -59,7 +71,8 @@ def emulated_margins(case: WindowCase, seed: int, evaluations: list[int]) -> dic
             sample = fine_sample(region, observed.points[observed.admissible], seed)
             share = volume_share(region, sample, observed, seed)
             wrong = misclassified(case, region.probability(points) > 0.5, points)
-            found[number] = WindowOutcome(wrong, share.low <= truth <= share.high, share.misclassified / share.value)
+            interval = share.low / truth, share.high / truth
+            found[number] = WindowOutcome(wrong, interval, share.misclassified / share.value)
         left = [end - number for end in evaluations if end > number]
         if not left:
             return found
@@ -76,7 +89,7 @@ def boosted_trees(case: WindowCase, seed: int, evaluations: list[int]) -> dict[i
         trees = HistGradientBoostingClassifier(random_state=seed, min_samples_leaf=5).fit(
             points, case.admissible(points)
         )
-        found[number] = WindowOutcome(misclassified(case, trees.predict(test), test), None)
+        found[number] = WindowOutcome(misclassified(case, trees.predict(test), test))
     return found
 
 
@@ -93,7 +106,7 @@ def bernoulli_level_set(case: WindowCase, seed: int, evaluations: list[int]) -> 
         else:
             classifier = GaussianProcessClassifier(kernel, optimizer=None).fit(points, labels)
         if number in evaluations:
-            found[number] = WindowOutcome(misclassified(case, classifier.predict(test), test), None)
+            found[number] = WindowOutcome(misclassified(case, classifier.predict(test), test))
         left = [end - number for end in evaluations if end > number]
         if not left:
             return found
@@ -110,39 +123,39 @@ METHODS: dict[str, Callable[[WindowCase, int, list[int]], dict[int, WindowOutcom
 }
 
 
+def print_outcomes(case: WindowCase, method: str, seeds: range, evaluations: list[int]) -> None:
+    """Print a line for each seed and number of evaluations, then one for all seeds and each number."""
+    begin, outcomes = time.process_time(), list[dict[int, WindowOutcome]]()
+    for seed in seeds:
+        outcomes.append(METHODS[method](case, seed, evaluations))
+        for number, one in outcomes[-1].items():
+            interval = "" if one.interval is None else ", interval {:.2f} to {:.2f} true shares".format(*one.interval)
+            print(f"  seed {seed} {number:5}: {one.misclassified:.2%}{interval}", flush=True)
+    seconds = (time.process_time() - begin) / len(seeds)
+    for number in evaluations:
+        own = [outcome[number] for outcome in outcomes]
+        wrong = np.array([one.misclassified for one in own])
+        line = f"{case.name:8} {method:20} {number:5}: {np.median(wrong):.1%}, at most {wrong.max():.1%}"
+        if own[0].interval is not None:
+            line += f", stated {np.median([one.stated for one in own]):.1%}"
+            line += f", interval honest in {sum(one.honest for one in own)} of {len(own)}"
+        print(f"{line} ({seconds:.0f} s CPU a seed)", flush=True)
+
+
 def main() -> None:
-    """Print a line for each case, method and number of evaluations."""
+    """Print outcomes for each case and method."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--evaluations", default="100,300")
     parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--cases", default=",".join(case.name for case in CASES))
-    parser.add_argument("--first", type=int, default=0, help="first seed")
     options = parser.parse_args()
-    seeds = range(options.first, options.first + options.seeds)
     evaluations = [int(number) for number in options.evaluations.split(",")]
     with threadpool_limits(1):
         for case in [case for case in CASES if case.name in options.cases.split(",")]:
             for method in options.methods.split(","):
-                begin = time.process_time()
-                outcomes = [METHODS[method](case, seed, evaluations) for seed in seeds]
-                seconds = (time.process_time() - begin) / options.seeds
-                for number in evaluations:
-                    own = [outcome[number] for outcome in outcomes]
-                    wrong = np.array([one.misclassified for one in own])
-                    honest = (
-                        ""
-                        if own[0].honest is None
-                        else (
-                            f", stated {np.median([one.stated for one in own]):.1%}, "
-                            f"interval honest in {sum(bool(one.honest) for one in own)} of {len(own)}"
-                        )
-                    )
-                    print(
-                        f"{case.name:8} {method:20} {number:5}: {np.median(wrong):.1%}, at most {wrong.max():.1%}"
-                        f"{honest} ({seconds:.0f} s CPU a seed)",
-                        flush=True,
-                    )
+                print_outcomes(case, method, range(options.first, options.first + options.seeds), evaluations)
 
 
 if __name__ == "__main__":

@@ -106,7 +106,7 @@ def _ridge(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 RIDGE = WindowCase(
     "ridge", ("phase", "amplitude", "contact"), (False, False, False), _ridge,
-    ((0.6, 0.0, 0.0, 0.0, 0.0, 0.6), (0.74, 1.0, 1.0, 1.0, 0.4, 1.0)), 1 << 18, (0.667, 0.5, 0.2, 0.5, 0.141, 0.85),
+    ((0.6, 0.0, 0.0, 0.0, 0.0, 0.6), (0.74, 1.0, 1.0, 1.0, 0.4, 1.0)), 1 << 17, (0.667, 0.5, 0.2, 0.5, 0.141, 0.85),
 )  # fmt: skip
 CASES = (
     WindowCase("grazing", ("grazing", "misfit"), (True, False), _grazing),
