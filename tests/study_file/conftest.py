@@ -4,7 +4,7 @@ import pytest
 from undrawn import empty_pictures
 
 
-@pytest.fixture(scope="package", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def without_pictures():
     with empty_pictures():
         yield
