@@ -22,6 +22,7 @@ from calib.modelling.simulator import Request
 from calib.objective import MISFIT
 from calib.records import make, write
 from calib.records.excitation import Excitation
+from calib.report.pages.picture import drawn
 from calib.simulators.oscillator import Oscillator
 from calib.study import evaluate
 from calib.study_file import load
@@ -151,7 +152,8 @@ def test_the_size_of_a_record_alone_is_as_uncertain_as_the_joint_one(folder, ans
 
 
 @pytest.mark.slow
-def test_the_extended_study_gives_what_the_diagnosis_gave(folder, answer):
+def test_the_extended_study_gives_what_the_diagnosis_gave(folder, answer, monkeypatch):
+    monkeypatch.setattr("calib.report.pages.page.drawn", drawn)  # unlike the other tests of this file
     extended = folder / "study.extended.toml"
     assert CliRunner().invoke(main, ["run", str(extended), "-q"]).exit_code == 0
     said = json.loads((folder / "out" / "diagnosis.json").read_text())
