@@ -1,7 +1,8 @@
 """Calibrations on stepped sines made from hidden values, and whether the stated intervals cover these.
 
 An oscillator with a cubic spring is driven at three levels over its resonance. The instrument reads complex amplitudes
-with 2 % noise of the rms amplitude of a level; frequencies are set exactly.
+with 2 % noise of the rms amplitude of a level; frequencies are set exactly. The motions are those of the simulator that
+is calibrated: what is asked is whether intervals hold; `dynamics/test_swept_response.py` compares with another code.
 """
 
 from functools import partial
@@ -79,6 +80,8 @@ def amplitudes_at(motion: xr.Dataset, frequency: np.ndarray) -> np.ndarray:
                 weights = [np.prod([(at - own[k]) / (own[j] - own[k]) for k in near if k != j]) for j in near]
                 found[i] = np.dot(weights, amplitude[near])
                 break
+        else:
+            raise ValueError(f"no stretch of the sweep reaches over {at:g} Hz")
     return found
 
 

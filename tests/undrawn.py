@@ -11,10 +11,16 @@ from calib.store.store import Store
 
 
 @contextmanager
-def undrawn() -> Iterator[None]:
-    """Leave the pictures of the trials out, and all of the report but its file; also a decorator."""
+def _trials_undrawn() -> Iterator[pytest.MonkeyPatch]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Store, "_draw", lambda store, trial, records: None)
+        yield patch
+
+
+@contextmanager
+def undrawn() -> Iterator[None]:
+    """Leave the pictures of the trials out, and all of the report but its file; also a decorator."""
+    with _trials_undrawn() as patch:
         patch.setattr("calib.workflows.calibrate.render", lambda *shown: "")
         yield
 
@@ -22,8 +28,7 @@ def undrawn() -> Iterator[None]:
 @contextmanager
 def empty_pictures() -> Iterator[None]:
     """Leave the pictures of the trials out, and those of the report empty: for tests of its text; also a decorator."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Store, "_draw", lambda store, trial, records: None)
+    with _trials_undrawn() as patch:
         patch.setattr("calib.report.pages.page.drawn", lambda content, jobs: {
             picture.name: Markup("<svg></svg>") for picture in _pictures(content)
         })  # fmt: skip

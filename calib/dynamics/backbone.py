@@ -22,15 +22,13 @@ from calib.dynamics.response import AMPLITUDE, FREQUENCY
 from calib.dynamics.series_curve import (
     AT_STOP,
     MAX_FIRST_STEPS,
-    MAX_RESCALINGS,
-    MAX_SIZE_RATIO,
-    MIN_SIZE_RATIO,
     SeriesMotion,
+    at_own_scale,
+    modal_system,
     null_vector,
 )
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
-from calib.modelling.modal_system import ModalMap
 
 RESONANCE_FREQUENCIES = 2000  # of the linear motion, between which its phase passes a quarter of a period
 LEVEL_RANGE = 1e-3, 1e3  # of the levels of a constant response, over that of the linear one
@@ -88,24 +86,30 @@ def backbones(
     Raises
     ------
     CalibError : an unknown body, an empty window, levels that do not rise from above 0, a simulator that harmonic
-        balance does not serve, or no resonance in the window
+        balance does not serve, no resonance in the window, or none that can be followed from the lowest level
     """
     held = _Held(setting, body, window, levels, harmonics)
     frequencies = np.linspace(*window, RESONANCE_FREQUENCIES)
     first = np.array([held.first_harmonic(held.linear(f, levels[0]), f, levels[0]) for f in frequencies.tolist()])
     lagging = np.flatnonzero((first.real[:-1] > 0.0) & (first.real[1:] <= 0.0) & (first.imag[:-1] < 0.0))
-    found = []
-    for place in lagging.tolist():
-        share = first.real[place] / (first.real[place] - first.real[place + 1])
-        frequency = float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))
-        branch = held.followed(_quadrature, frequency, levels[0], vary=0, most=most)
-        if branch is not None:
-            found.append(branch)
-    if not found:
+    if not lagging.size:
         low, high = window
         raise CalibError(
             f"{body} has no resonance from {low:g} to {high:g} Hz at {levels[0]:g} {held.unit}: nowhere does its first "
-            "harmonic begin to lag by a quarter of a period; widen the window, or lower the level"
+            "harmonic begin to lag by a quarter of a period; widen the window"
+        )
+    found, reasons = [], []
+    for place in lagging.tolist():
+        share = first.real[place] / (first.real[place] - first.real[place + 1])
+        frequency = float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))
+        try:
+            found.append(held.followed(_quadrature, frequency, levels[0], vary=0, most=most))
+        except CalibError as error:
+            reasons.append(f"at {frequency:.5g} Hz {error}")
+    if not found:
+        raise CalibError(
+            f"no resonance of {body} can be followed from {levels[0]:g} {held.unit}: {'; '.join(reasons)}; lower the "
+            "level"
         )
     return tuple(found)
 
@@ -128,7 +132,7 @@ def constant_responses(
 
     Raises
     ------
-    CalibError : as `backbones`, amplitudes that are not above 0, or one from whose linear motion none is found
+    CalibError : as `backbones`, amplitudes that are not above 0, or one that cannot be held where the window begins
     """
     found = []
     for amplitude in amplitudes:
@@ -140,13 +144,13 @@ def constant_responses(
         level = amplitude / per_level
         low, high = (share * level for share in LEVEL_RANGE)
         held = _Held(setting, body, window, (low, high), harmonics)
-        branch = held.followed(_modulus(amplitude), window[0], level, vary=1, most=most)
-        if branch is None:
+        try:
+            found.append(held.followed(_modulus(amplitude), window[0], level, vary=1, most=most))
+        except CalibError as error:
             raise CalibError(
-                f"no motion of {body} with an amplitude of {amplitude:g} m is found at {window[0]:g} Hz, where the "
-                "curve begins; begin the window elsewhere, or lower the amplitude"
-            )
-        found.append(branch)
+                f"{body} cannot be held at {amplitude:g} m from {window[0]:g} Hz, where the curve begins: {error}; "
+                "begin the window elsewhere, or lower the amplitude"
+            ) from error
     return tuple(found)
 
 
@@ -197,9 +201,7 @@ class _HeldCurve:
 
     @cached_property
     def _units(self) -> np.ndarray:
-        system = self.held.balance.system
-        largest = np.maximum(np.abs(system.stiffness), (2.0 * math.pi * self.held.window[1]) ** 2)
-        return self.scale * np.repeat(largest, self.held.balance.size)
+        return self.scale * self.held.balance.units(2.0 * math.pi * self.held.window[1])
 
     def residual(self, z: np.ndarray) -> np.ndarray:
         """What is left of the balance, and of the condition (d - 1,)."""
@@ -246,7 +248,8 @@ class _HeldCurve:
         drive = self.held.drive(level)
         multipliers = self.held.balance.multipliers(y, 2.0 * math.pi * frequency, drive)
         clearance = self.held.balance.clearance(y, drive)
-        return SeriesMotion(z, null_vector(matrix, heading), multipliers, matrix, len(steps) - 1, clearance)
+        tangent = null_vector(matrix, heading)
+        return SeriesMotion(z, tangent, multipliers, matrix, len(steps) - 1, clearance, self.parameters)
 
     def obstacle(self, base: SeriesMotion, point: SeriesMotion) -> str:
         """Nothing."""
@@ -275,19 +278,14 @@ class _Held:
             raise CalibError(f"expected frequencies that rise from above 0, got {window[0]:g} to {window[1]:g} Hz")
         if not 0.0 < levels[0] < levels[1] < math.inf:
             raise CalibError(f"expected levels that rise from above 0, got {levels[0]:g} to {levels[1]:g}")
-        map = setting.map({FREQUENCY: window[0], AMPLITUDE: levels[1]})
-        if not isinstance(map, ModalMap):
-            raise CalibError(
-                f"the period map of {setting.model.name!r} does not tell its modal system, which backbones and "
-                "constant responses are of; take responses at several levels"
-            )
-        if body not in map.bodies:
-            raise CalibError(f"no body {body!r}{nearest(body, map.bodies)}; there are {', '.join(map.bodies)}")
-        self.balance = HarmonicBalance(map.modal_system(), harmonics)
-        self.body, self.bodies, self.window, self.levels = body, tuple(map.bodies), window, levels
+        bodies = setting.map({FREQUENCY: window[0], AMPLITUDE: levels[1]}).bodies
+        if body not in bodies:
+            raise CalibError(f"no body {body!r}{nearest(body, bodies)}; there are {', '.join(bodies)}")
+        self.balance = HarmonicBalance(modal_system(setting, window[0], levels[1]), harmonics)
+        self.body, self.bodies, self.window, self.levels = body, tuple(bodies), window, levels
         self.unit = setting.unit(AMPLITUDE)
         self.per_unit = self.balance.system.amplitude / levels[1]
-        self.begin = setting.excitation.phase + 2.0 * math.pi * setting.phase
+        self.begin = setting.section_phase
 
     def drive(self, level: float) -> float:
         """Amplitude of U at a level."""
@@ -318,29 +316,33 @@ class _Held:
 
     def followed(
         self, condition: Callable[[complex], Condition], frequency: float, level: float, vary: int, most: int
-    ) -> HeldBranch | None:
-        """Curve both ways from the motion near the linear one; `vary` as in `_HeldCurve.start`. None without one."""
+    ) -> HeldBranch:
+        """Curve from the motion near the linear one; `vary` as in `_HeldCurve.start`.
+
+        Raises
+        ------
+        CalibError : there is no such motion, or it has impacts; says why without naming the curve
+        """
         y = self.linear(frequency, level)
-        scale = float(np.abs(y).max()) or 1.0
-        for _ in range(MAX_RESCALINGS):
+
+        def at_scale(scale: float) -> tuple[tuple[_HeldCurve, OneWay[SeriesMotion]], list[SeriesMotion]] | None:
             curve = _HeldCurve(self, condition, scale)
             start = curve.start(y, frequency, level, vary)
-            if start is None or start.clearance < 0.0:
+            if start is None:
                 return None
+            if start.clearance < 0.0:
+                raise CalibError(AT_STOP)
             onward = run(curve, start, most)
-            size = max(float(np.abs(motion.z[:-2]).max()) for motion in onward.points)
-            if MIN_SIZE_RATIO <= size <= MAX_SIZE_RATIO:
-                break
-            scale *= size
-        return self._branch(curve, onward)
+            return (curve, onward), onward.points
+
+        found = at_own_scale(float(np.abs(y).max()) or 1.0, at_scale)
+        if found is None:
+            raise CalibError("Newton's method finds no motion from the linear one")
+        return self._branch(*found)
 
     def _branch(self, curve: _HeldCurve, way: OneWay[SeriesMotion]) -> HeldBranch:
         points = [curve.unpacked(motion.z) for motion in way.points]
-        system = self.balance.system
-        turn = np.exp(1j * np.arange(self.balance.harmonics + 1) * (system.phase - self.begin))
-        harmonics = [
-            self.balance.complex_amplitudes(self.balance.bodies(y, self.drive(level))) * turn for y, _, level in points
-        ]
+        harmonics = [self.balance.body_amplitudes(y, self.drive(level), self.begin) for y, _, level in points]
         left_out = [self.balance.left_out(y, 2.0 * math.pi * f, self.drive(level)) for y, f, level in points]
         return HeldBranch(
             self.body,

@@ -60,6 +60,10 @@ class HarmonicBalance:
         """Number of coefficients of one mode."""
         return 2 * self.harmonics + 1
 
+    def units(self, omega: float) -> np.ndarray:
+        """Stiffness (n (2 H + 1),) of each equation's terms, up to the angular frequency `omega`  [1/s^2]."""
+        return np.repeat(np.maximum(np.abs(self.system.stiffness), omega**2), self.size)
+
     def residual(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
         """Left-hand sides (n, 2 H + 1) less right-hand sides, of coefficients of a drive of `amplitude` at `omega`."""
         forces = self.forces(y, omega, amplitude)
@@ -191,9 +195,17 @@ class HarmonicBalance:
         size = float(np.linalg.norm(omega * self.slope(self.bodies(y, amplitude))))
         return float(np.linalg.norm(added)) / size if size > 0.0 else 0.0
 
-    def of_bodies(self, series: np.ndarray, amplitude: float) -> np.ndarray:
-        """Coefficients (n, 2 H + 1) of the modes whose bodies have the `series` (body, 2 H + 1), as `bodies` gives."""
-        own = series.copy()
+    def body_amplitudes(self, y: np.ndarray, amplitude: float, begin: float) -> np.ndarray:
+        """Complex amplitudes (body, H + 1) of the displacement [m], as `calib.dynamics.response.ResponseBranch`.
+
+        begin : phase of the excitation at the section  [rad]; the drive's may be turned against it, by a factor on it
+            that is negative
+        """
+        return self.complex_amplitudes(self.bodies(y, amplitude)) * self._turned(begin)
+
+    def of_body_amplitudes(self, amplitudes: np.ndarray, amplitude: float, begin: float) -> np.ndarray:
+        """Coefficients (n, 2 H + 1) whose bodies have the complex `amplitudes`, the inverse of `body_amplitudes`."""
+        own = self.series(amplitudes / self._turned(begin))
         own[:, 0] -= self.system.bodies.mean
         own[:, 1] -= self.system.bodies.drive * amplitude
         return np.linalg.lstsq(self.system.bodies.shape, own, rcond=None)[0]
@@ -212,6 +224,9 @@ class HarmonicBalance:
         basis = np.ones((len(phase), self.size))
         basis[:, 1::2], basis[:, 2::2] = np.cos(angle), np.sin(angle)
         return coefficients @ basis.T
+
+    def _turned(self, begin: float) -> np.ndarray:
+        return np.exp(1j * np.arange(self.harmonics + 1) * (self.system.phase - begin))
 
     def slope(self, coefficients: np.ndarray) -> np.ndarray:
         """Coefficients (..., 2 H + 1) of the derivative by the phase."""

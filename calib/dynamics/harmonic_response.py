@@ -7,6 +7,8 @@ harmonics describes. How much the harmonics that are left out change the motion 
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,16 +29,13 @@ from calib.dynamics.response import (
 )
 from calib.dynamics.series_curve import (
     AT_STOP,
-    MAX_RESCALINGS,
-    MAX_SIZE_RATIO,
-    MIN_SIZE_RATIO,
     SeriesCurve,
     SeriesMotion,
+    at_own_scale,
     linear_size,
+    modal_system,
 )
 from calib.dynamics.setting import Setting
-from calib.errors import CalibError
-from calib.modelling.modal_system import ModalMap
 
 SAME_SERIES_DISTANCE = 1e-6  # between coefficients, in units of the scale
 MOTIONS_CHECKED = 5  # of each branch, by shooting
@@ -70,13 +69,9 @@ def balanced_response(
     """
     check_window(window, levels, harmonics, steps)
     unit_level = max(levels)
-    map = setting.map({FREQUENCY: math.sqrt(window[0] * window[1]), AMPLITUDE: unit_level})
-    if not isinstance(map, ModalMap):
-        raise CalibError(
-            f"the period map of {setting.model.name!r} does not tell its modal system, which harmonic balance is of; "
-            "take shooting"
-        )
-    balance = HarmonicBalance(map.modal_system(), harmonics)
+    middle = math.sqrt(window[0] * window[1])
+    bodies = setting.map({FREQUENCY: middle, AMPLITUDE: unit_level}).bodies
+    balance = HarmonicBalance(modal_system(setting, middle, unit_level), harmonics)
     branches: list[ResponseBranch] = []
     irregular: list[Irregular] = []
     left_out = Truncation(harmonics, 0.0, math.nan, math.nan)
@@ -87,7 +82,16 @@ def balanced_response(
         branches += search.branches
         irregular += search.irregular
         left_out = max([left_out, *search.checks], key=lambda check: check.largest)
-    return FrequencyResponse(map.bodies, window, setting.unit(AMPLITUDE), tuple(branches), tuple(irregular), left_out)
+    return FrequencyResponse(bodies, window, setting.unit(AMPLITUDE), tuple(branches), tuple(irregular), left_out)
+
+
+class _Followed(NamedTuple):
+    """A curve, its motions, the special points on it, and why it ends either way."""
+
+    curve: SeriesCurve
+    motions: list[SeriesMotion]
+    specials: list[Special]
+    ends: tuple[str, str]
 
 
 class _SeriesSearch:
@@ -117,8 +121,8 @@ class _SeriesSearch:
     def drive(self, frequency: float) -> float:
         return self.per_unit * self.amplitude(self.level, frequency)
 
-    def curve(self) -> SeriesCurve:
-        return SeriesCurve(self.balance, *self.window, self.scale, self.drive)
+    def curve(self, scale: float) -> SeriesCurve:
+        return SeriesCurve(self.balance, *self.window, scale, self.drive)
 
     def search(self) -> None:
         """Follow what Newton's method finds from the linear motion, and from the motions beside it, up and down."""
@@ -126,7 +130,7 @@ class _SeriesSearch:
             y = None
             for frequency in direction.tolist():
                 for guess in [self._linear(frequency)] if y is None else [y, self._linear(frequency)]:
-                    found = self.curve().solved(guess, frequency)
+                    found = self.curve(self.scale).solved(guess, frequency)
                     if found is not None:
                         y = found if y is None or guess is y else y
                         self._follow(found, frequency)
@@ -137,23 +141,26 @@ class _SeriesSearch:
     def _follow(self, y: np.ndarray, frequency: float) -> None:
         if self._is_known(y, frequency):
             return
-        for _ in range(MAX_RESCALINGS):
-            curve = self.curve()
-            start = curve.start(y, frequency)
-            if start is None:
-                return
-            if start.clearance < 0.0:
-                self._note_impacts(frequency)
-                return
-            motions, specials, ends = self._both_ways(curve, start)
-            size = max(np.abs(motion.z[:-1]).max() for motion in motions)
-            if MIN_SIZE_RATIO <= size <= MAX_SIZE_RATIO:
-                break
-            self.scale *= size
-        self.curves.append((curve, motions))
-        branch = self._branch(curve, motions, specials, ends)
-        self.branches.append(self._response(curve, motions, branch))
-        self.checks += self._checks(curve, motions, branch)
+        found = at_own_scale(self.scale, partial(self._followed, y, frequency))
+        if found is None:
+            return
+        self.scale = found.curve.scale
+        self.curves.append((found.curve, found.motions))
+        branch = self._branch(*found)
+        self.branches.append(self._response(found.curve, found.motions, branch))
+        self.checks += self._checks(found.curve, found.motions, branch)
+
+    def _followed(self, y: np.ndarray, frequency: float, scale: float) -> tuple[_Followed, list[SeriesMotion]] | None:
+        """Follow the motion at a frequency both ways, with steps by a scale; None where it cannot be or has impacts."""
+        curve = self.curve(scale)
+        start = curve.start(y, frequency)
+        if start is None:
+            return None
+        if start.clearance < 0.0:
+            self._note_impacts(frequency)
+            return None
+        motions, specials, ends = self._both_ways(curve, start)
+        return _Followed(curve, motions, specials, ends), motions
 
     def _both_ways(
         self, curve: SeriesCurve, start: SeriesMotion
@@ -220,7 +227,7 @@ class _SeriesSearch:
     def _response(self, curve: SeriesCurve, motions: list[SeriesMotion], branch: Branch) -> ResponseBranch:
         series = np.array([self.balance.bodies(y, a) for y, _, a in (curve.unpacked(motion.z) for motion in motions)])
         values = self.balance.at(series, self.balance.phase)
-        begin = self.setting.excitation.phase + 2.0 * math.pi * self.setting.phase
+        begin = self.setting.section_phase
         harmonics = np.array([curve.complex_amplitudes(motion.z, begin) for motion in motions])
         return ResponseBranch(
             self.level, branch, np.moveaxis(harmonics, 0, -1), 0.5 * np.ptp(values, axis=-1).T

@@ -343,5 +343,4 @@ def harmonics_of_cycle(
     orders = np.arange(highest + 1)
     spectrum = np.fft.rfft(displacement, axis=1)[:, periods * orders] / displacement.shape[1]
     spectrum[:, 1:] *= 2.0
-    begin = setting.excitation.phase + 2.0 * np.pi * setting.phase
-    return spectrum * np.exp(-1j * orders * begin), 0.5 * np.ptp(displacement, axis=1)
+    return spectrum * np.exp(-1j * orders * setting.section_phase), 0.5 * np.ptp(displacement, axis=1)

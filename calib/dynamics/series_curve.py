@@ -4,10 +4,10 @@ See `calib.dynamics.harmonic_balance` for the equations, and `calib.dynamics.arc
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from calib.dynamics.arclength import Mark, root, roots
 from calib.dynamics.branch import TESTS, evidence
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.orbits import newton
+from calib.dynamics.response import AMPLITUDE, FREQUENCY
+from calib.dynamics.setting import Setting
+from calib.errors import CalibError
+from calib.modelling.modal_system import ModalMap, ModalSystem
 
 MAX_FIRST_STEPS = 30  # of Newton's method from the linear motion, or from the motion at a frequency beside it
 SIZE_FREQUENCIES = 200  # of the linear motion whose largest is the first idea of the size
@@ -23,9 +27,14 @@ MAX_RESCALINGS = 4  # of the steps of a branch
 DIFFERENCE = 1e-6  # of the window, for the slope of the drive's amplitude over the frequency
 AT_STOP = "the motion reaches the stop, whose impacts harmonic balance does not serve"
 
+F = TypeVar("F")
+
 
 class SeriesMotion(NamedTuple):
-    """Motion of a curve: coefficients and parameter z (d,), tangent, multipliers, derivative, least clearance [m]."""
+    """Motion of a curve: coefficients and parameters z (d,), tangent, multipliers, derivative, least clearance [m].
+
+    parameters : number of them, the last components of z
+    """
 
     z: np.ndarray
     tangent: np.ndarray
@@ -33,6 +42,12 @@ class SeriesMotion(NamedTuple):
     matrix: np.ndarray
     corrections: int
     clearance: float
+    parameters: int = 1
+
+    @property
+    def size(self) -> float:
+        """Largest of the coefficients, in units of the scale."""
+        return float(np.abs(self.z[: -self.parameters]).max())
 
     @property
     def stable(self) -> bool:
@@ -74,8 +89,7 @@ class SeriesCurve:
     @cached_property
     def _units(self) -> np.ndarray:
         """Size (n (2 H + 1),) of the terms of each equation."""
-        largest = np.maximum(np.abs(self.balance.system.stiffness), (2.0 * math.pi * self.high) ** 2)
-        return self.scale * np.repeat(largest, self.balance.size)
+        return self.scale * self.balance.units(2.0 * math.pi * self.high)
 
     def residual(self, z: np.ndarray) -> np.ndarray:
         """What is left of the balance (d - 1,), in units of its terms."""
@@ -154,14 +168,46 @@ class SeriesCurve:
         return np.concatenate([displacement[free], velocity[free]])
 
     def complex_amplitudes(self, z: np.ndarray, begin: float) -> np.ndarray:
-        """Complex amplitudes (body, H + 1) of the displacement [m], as `calib.dynamics.response.ResponseBranch`.
-
-        begin : phase of the excitation at the section  [rad]; the drive's may be turned against it, by a factor on it
-            that is negative
-        """
+        """Complex amplitudes (body, H + 1) of the displacement [m], see `HarmonicBalance.body_amplitudes`."""
         y, _, amplitude = self.unpacked(z)
-        turn = np.exp(1j * np.arange(self.balance.harmonics + 1) * (self.balance.system.phase - begin))
-        return self.balance.complex_amplitudes(self.balance.bodies(y, amplitude)) * turn
+        return self.balance.body_amplitudes(y, amplitude, begin)
+
+
+def modal_system(setting: Setting, frequency: float, level: float) -> ModalSystem:
+    """Return the modal system of a setting at a frequency [Hz] and level.
+
+    Raises
+    ------
+    CalibError : it tells none, or has forces that harmonic balance does not serve
+    """
+    map = setting.map({FREQUENCY: frequency, AMPLITUDE: level})
+    if not isinstance(map, ModalMap):
+        raise CalibError(
+            f"the period map of {setting.model.name!r} does not tell its modal system, which harmonic balance is of; "
+            "take shooting"
+        )
+    return map.modal_system()
+
+
+def at_own_scale(scale: float, followed: Callable[[float], tuple[F, Sequence[SeriesMotion]] | None]) -> F | None:
+    """Follow a curve anew until its steps suit the motions on it; None where there is no curve.
+
+    Parameters
+    ----------
+    scale : of the coefficients, at first  [kg^1/2 m]
+    followed : what is followed at a scale, and the motions on it; None where there is none
+    """
+    found = None
+    for _ in range(MAX_RESCALINGS):
+        answer = followed(scale)
+        if answer is None:
+            return None
+        found, motions = answer
+        size = max(motion.size for motion in motions)
+        if MIN_SIZE_RATIO <= size <= MAX_SIZE_RATIO:
+            break
+        scale *= size
+    return found
 
 
 def linear_size(balance: HarmonicBalance, window: tuple[float, float], drive: Callable[[float], float]) -> float:

@@ -37,6 +37,11 @@ class Setting:
     values: Mapping[str, float] = field(default_factory=dict)
     phase: float = 0.0
 
+    @property
+    def section_phase(self) -> float:
+        """Phase of the excitation at the section  [rad]."""
+        return self.excitation.phase + 2.0 * math.pi * self.phase
+
     def map(self, varied: Mapping[str, float] | None = None) -> PeriodMap:
         """Period map with other values (SI) of the parameters named.
 

@@ -27,7 +27,7 @@ from calib.dynamics.response import (
 )
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import kind_of_run
-from calib.dynamics.swept_series import SeriesSweep, modal_system
+from calib.dynamics.swept_series import SeriesSweep, series_sweep
 from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK, failed
@@ -106,8 +106,7 @@ def swept_response(
         direction = float(measured["direction"][points[0]])
         level = _level(measured["frequency"].values[points], measured["level"].values[points])
         stops = _stops(measured["frequency"].values[points], direction)
-        series = _series(setting, level, stops)
-        path = swept_path(partial(_map, setting, level), stops, series)
+        path = swept_path(partial(_map, setting, level), stops, series_sweep(setting, level, stops))
         if path.reason:
             return failed(bodies, "not periodic", f"sweep {sweep:g}: {path.reason}")
         jumps += [f"sweep {sweep:g}: {kind} at {at:.9g} Hz" for kind, at in path.jumps]
@@ -146,16 +145,6 @@ def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:
         if min(own - stops[-1], high - own) > MIN_SWEEP_STEP * (high - low):
             stops.append(own)
     return np.array([*stops, high])[:: int(direction)]
-
-
-def _series(setting: Setting, level: Callable[[float], float], stops: np.ndarray) -> SeriesSweep | None:
-    """Harmonic balance over the frequencies of a sweep; None where the simulator does not tell its modal system."""
-    window = float(stops.min()), float(stops.max())
-    begin = float(stops[0])
-    system = modal_system(setting, begin, level(begin))
-    if system is None:
-        return None
-    return SeriesSweep(setting, system, level(begin), window, float(np.sign(stops[-1] - begin)), level)
 
 
 def _amplitudes(setting: Setting, level: Callable[[float], float], piece: Piece) -> np.ndarray:

@@ -7,25 +7,18 @@ stop. The number of harmonics is doubled until those left out hardly move the bo
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.arclength import Mark, run
+from calib.dynamics.arclength import Mark, OneWay, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
-from calib.dynamics.response import AMPLITUDE, FREQUENCY, harmonics_of_cycle
-from calib.dynamics.series_curve import (
-    MAX_RESCALINGS,
-    MAX_SIZE_RATIO,
-    MIN_SIZE_RATIO,
-    SeriesCurve,
-    SeriesMotion,
-    linear_size,
-)
+from calib.dynamics.response import harmonics_of_cycle
+from calib.dynamics.series_curve import SeriesCurve, SeriesMotion, at_own_scale, linear_size, modal_system
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.modelling.modal_system import ModalMap, ModalSystem
+from calib.modelling.modal_system import ModalSystem
 
 SERIES_HARMONICS = 7, 15, 31, 63  # of the series, the next where those left out are more than MAX_LEFT_OUT
 MAX_LEFT_OUT = 3e-4  # velocity by the harmonics left out over that of the motion  [1]
@@ -72,11 +65,6 @@ class SeriesSweep:
     direction: float
     level: Callable[[float], float]
 
-    @cached_property
-    def _begin(self) -> float:
-        """Phase of the excitation at the section  [rad]."""
-        return self.setting.excitation.phase + 2.0 * math.pi * self.setting.phase
-
     def _drive(self, frequency: float) -> float:
         return self.system.amplitude / self.unit_level * self.level(frequency)
 
@@ -99,58 +87,61 @@ class SeriesSweep:
     def stretch(self, frequency: float, state: np.ndarray) -> SeriesStretch | None:
         """Follow the stable motion through a state of the section to its end; None where no series describes it."""
         for harmonics in SERIES_HARMONICS:
-            curve, motions, end = self._followed(HarmonicBalance(self.system, harmonics), frequency, state)
-            if not motions:
+            balance = HarmonicBalance(self.system, harmonics)
+            y = self._coefficients(balance, frequency, state)
+            found = at_own_scale(self._linear_size, partial(self._followed, balance, y, frequency))
+            if found is None or not _is_stable(found[1]):
                 return None
+            curve, way = found
+            motions, end = way.points, way.marks[0][1].kind if way.marks else ""
             largest = max(motions, key=lambda motion: float(np.abs(motion.z[:-1]).max()))
             looked_at = (curve.unpacked(motion.z) for motion in (motions[0], largest, motions[-1]))
-            if all(curve.balance.left_out(*motion) <= MAX_LEFT_OUT for motion in looked_at):
+            if all(balance.left_out(*motion) <= MAX_LEFT_OUT for motion in looked_at):
+                begin = self.setting.section_phase
                 return SeriesStretch(
                     np.array([curve.parameter(motion.z) for motion in motions]),
-                    np.array([curve.complex_amplitudes(motion.z, self._begin)[:, 1] for motion in motions]),
+                    np.array([curve.complex_amplitudes(motion.z, begin)[:, 1] for motion in motions]),
                     np.array([curve.state(motion.z) for motion in motions]),
                     end,
                 )
         return None
 
     def _followed(
-        self, balance: HarmonicBalance, frequency: float, state: np.ndarray
-    ) -> tuple[_StableCurve, list[SeriesMotion], str]:
-        """Curve, its stable motions with the special one at its end, and the kind of that; no motions without them."""
-        y = self._coefficients(balance, frequency, state)
-        curve = self._curve(balance, self._linear_size)
-        for _ in range(MAX_RESCALINGS):
-            found = curve.solved(y, frequency)
-            start = None if found is None else curve.start(found, frequency)
-            if found is None or start is None or not start.stable or start.clearance < 0.0:
-                return curve, [], ""
-            if np.abs(found - y).max() > SAME_MOTION * np.abs(y).max():
-                return curve, [], ""
-            way = run(curve, start._replace(tangent=self.direction * start.tangent), MAX_STRETCH_POINTS)
-            size = max(float(np.abs(motion.z[:-1]).max()) for motion in way.points)
-            if MIN_SIZE_RATIO <= size <= MAX_SIZE_RATIO:
-                break
-            curve = self._curve(balance, size * curve.scale)
-        marked = [(index, mark.kind) for index, mark in way.marks]
-        own = way.points[: marked[0][0]] if marked else way.points
-        if way.lost or not all(motion.stable for motion in own):
-            return curve, [], ""
-        return curve, way.points, marked[0][1] if marked else ""
+        self, balance: HarmonicBalance, y: np.ndarray, frequency: float, scale: float
+    ) -> tuple[tuple[_StableCurve, OneWay[SeriesMotion]], list[SeriesMotion]] | None:
+        """Curve from the stable motion near coefficients, with steps by a scale; None where there is no such motion."""
+        curve = self._curve(balance, scale)
+        found = curve.solved(y, frequency)
+        if found is None or np.abs(found - y).max() > SAME_MOTION * np.abs(y).max():
+            return None
+        start = curve.start(found, frequency)
+        if start is None or not start.stable or start.clearance < 0.0:
+            return None
+        way = run(curve, start._replace(tangent=self.direction * start.tangent), MAX_STRETCH_POINTS)
+        return (curve, way), way.points
 
     def _coefficients(self, balance: HarmonicBalance, frequency: float, state: np.ndarray) -> np.ndarray:
         """Coefficients (n, 2 H + 1) of the cycle through a state of the section."""
-        level = self.level(frequency)
-        amplitudes = harmonics_of_cycle(self.setting, 1, balance.harmonics, frequency, level, state)[0]
-        turn = np.exp(-1j * np.arange(balance.harmonics + 1) * (self.system.phase - self._begin))
-        return balance.of_bodies(balance.series(amplitudes * turn), self._drive(frequency))
+        begin = self.setting.section_phase
+        amplitudes = harmonics_of_cycle(self.setting, 1, balance.harmonics, frequency, self.level(frequency), state)[0]
+        return balance.of_body_amplitudes(amplitudes, self._drive(frequency), begin)
 
 
-def modal_system(setting: Setting, frequency: float, level: float) -> ModalSystem | None:
-    """Return the modal system of a setting at a frequency [Hz] and level; None where it tells none."""
-    map = setting.map({FREQUENCY: frequency, AMPLITUDE: level})
-    if not isinstance(map, ModalMap):
-        return None
+def _is_stable(way: OneWay[SeriesMotion]) -> bool:
+    """Whether a way was followed to its end, and its motions are stable up to the special point at that."""
+    before = way.points[: way.marks[0][0]] if way.marks else way.points
+    return not way.lost and all(motion.stable for motion in before)
+
+
+def series_sweep(setting: Setting, level: Callable[[float], float], stops: np.ndarray) -> SeriesSweep | None:
+    """Harmonic balance over the stops (n,) [Hz] of a sweep; None where it does not serve the simulator.
+
+    level : amplitude of the excitation at a frequency [Hz]
+    """
+    begin = float(stops[0])
     try:
-        return map.modal_system()
-    except CalibError:  # of forces that harmonic balance does not serve
+        system = modal_system(setting, begin, level(begin))
+    except CalibError:
         return None
+    window = float(stops.min()), float(stops.max())
+    return SeriesSweep(setting, system, level(begin), window, float(np.sign(stops[-1] - begin)), level)

@@ -2,7 +2,7 @@
 
 import errno
 import math
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +24,6 @@ TEXT_BYTES = 64  # bytes that a short text takes in memory, about
 # what xarray and netCDF4 raise on content that they cannot decode
 UNREADABLE = (OSError, ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
 
-# Where it first computes, xarray imports the packages of arrays that are installed (dask, pint). Done here, it is done
-# once, and not by each process that is forked to read a file or to simulate.
-xr.Dataset({"x": ("x", np.zeros(1))}).astype(np.float32)
-
 
 def read_dataset(path: str | Path) -> xr.Dataset:
     """Read a netCDF file whole.
@@ -45,9 +41,19 @@ def read_dataset(path: str | Path) -> xr.Dataset:
     try:
         # interrupted while it takes its locks, xarray would wait for itself for ever
         with uninterrupted():
+            _import_array_packages()
             return read_apart(partial(_read, path), path)
     except UNREADABLE as error:
         raise CalibError(f"{path}: not a readable netCDF file ({error}); it may be truncated: make it again") from error
+
+
+@cache
+def _import_array_packages() -> None:
+    """Import the packages of arrays that are installed (dask, pint), as xarray does where it first computes.
+
+    Done here, it is done once, and not by each process that is forked to read a file.
+    """
+    xr.Dataset({"x": ("x", np.zeros(1))}).astype(np.float32)
 
 
 def _read(path: Path) -> xr.Dataset:

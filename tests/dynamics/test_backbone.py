@@ -85,3 +85,12 @@ def test_a_backbone_that_makes_no_sense_is_refused(arguments, said):
 def test_an_amplitude_that_is_none_is_refused():
     with pytest.raises(CalibError, match="expected amplitudes of mass above 0, got 0 m"):
         constant_responses(DUFFING, "mass", [0.0], (2.5, 4.5))
+
+
+def test_a_resonance_that_touches_the_stop_is_said_to_and_not_said_to_be_none():
+    with pytest.raises(
+        CalibError, match=r"no resonance of q2 can be followed .* at 45\.\d+ Hz the motion reaches the stop"
+    ):
+        backbones(FOUR_DOF, "q2", (40.0, 60.0), (1e-4, 1e-3))
+    with pytest.raises(CalibError, match="q2 cannot be held at 0.01 m from 40 Hz, .* reaches the stop"):
+        constant_responses(FOUR_DOF, "q2", [1e-2], (40.0, 60.0))

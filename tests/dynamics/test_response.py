@@ -169,7 +169,7 @@ class SurfaceMap(PlainMap):
 def surface():
     return SimpleNamespace(
         map=lambda varied=None: SurfaceMap(*(varied or {"f": 3.0, "a": 0.5}).values()),
-        unit=lambda name: "m", excitation=SimpleNamespace(phase=0.0), phase=0.0, model=SimpleNamespace(name="surface"),
+        unit=lambda name: "m", section_phase=0.0, model=SimpleNamespace(name="surface"),
     )  # fmt: skip
 
 

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from calib.dynamics import swept_response as swept_response_module
 from calib.dynamics import swept_series
+from calib.dynamics.series_curve import modal_system
 from calib.dynamics.setting import Setting
 from calib.dynamics.swept_response import swept_response
-from calib.dynamics.swept_series import SeriesSweep, modal_system
+from calib.dynamics.swept_series import SeriesSweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.modelling.model import Model
@@ -42,7 +44,7 @@ def test_a_sweep_down_jumps_up_where_the_lower_branch_folds():
 
 def by_shooting(monkeypatch, *sweep, **values):
     with monkeypatch.context() as patched:
-        patched.setattr(swept_response_module, "_series", lambda *_: None)
+        patched.setattr(swept_response_module, "series_sweep", lambda *_: None)
         return swept(*sweep, **values)
 
 
@@ -82,3 +84,28 @@ def test_beyond_a_rigid_stop_a_sweep_goes_on_by_shooting():
     found = swept_response(Model(Oscillator(stop=True)), {**VALUES, "gap": 5e-3, "restitution": 0.6}, FORCE, measured)
     assert found.attrs["jumps"].startswith("sweep 0: grazing at ")
     assert len(set(found.piece.values)) > 1
+
+
+def test_a_sweep_is_that_of_another_integrator_sampled_by_a_clock_of_its_own():
+    """Stepped up, each step begins where the last one ended; 997 samples a second know nothing of the drive."""
+    frequencies, level, k3 = np.array([2.9, 3.3, 3.6, 3.78, 3.95]), 0.6, 4e5
+    state, amplitudes = np.zeros(2), []
+    for frequency in frequencies:
+        omega = 2.0 * np.pi * frequency
+
+        def rate(t, y, omega=omega):
+            return y[1], level * np.cos(omega * t) - 1.0 * y[1] - 400.0 * y[0] - k3 * y[0] ** 3
+
+        periods = 60.0 / frequency
+        times = np.arange(0.0, 10.0 / frequency, 1.0 / 997.0)
+        motion = solve_ivp(rate, (0.0, periods + times[-1]), state, "DOP853", periods + times, rtol=1e-9, atol=1e-12)
+        angle = np.outer(omega * times, np.arange(1, 8))
+        basis = np.hstack([np.ones((times.size, 1)), np.cos(angle), np.sin(angle)])
+        coefficients = np.linalg.lstsq(basis, motion.y[0], rcond=None)[0]
+        amplitudes.append(coefficients[1] - 1j * coefficients[8])
+        # the next step begins at phase 0, as the drive of this one is after whole periods
+        state = solve_ivp(rate, (0.0, periods), state, "DOP853", rtol=1e-9, atol=1e-12).y[:, -1]
+    found = swept(np.linspace(2.8, 4.2, 29), level, k3=k3)
+    for frequency, expected in zip(frequencies, amplitudes, strict=True):
+        piece = float(frequency > float(found.attrs["jumps"].split()[-2]))
+        assert at(found, frequency, piece) == pytest.approx(expected, abs=2e-3 * abs(expected))

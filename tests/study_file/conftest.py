@@ -1,10 +1,8 @@
 """What the tests of study files share: no pictures."""
 
 import pytest
-from undrawn import empty_pictures
 
 
 @pytest.fixture(scope="module", autouse=True)
-def without_pictures():
-    with empty_pictures():
-        yield
+def in_words_alone(without_pictures):
+    """Draw nothing in any of their files."""

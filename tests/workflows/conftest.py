@@ -1,10 +1,8 @@
 """What the tests of the workflows share: no pictures, which tests of the report and of the command line draw."""
 
 import pytest
-from undrawn import empty_pictures
 
 
 @pytest.fixture(scope="module", autouse=True)
-def without_pictures():
-    with empty_pictures():
-        yield
+def in_words_alone(without_pictures):
+    """Draw nothing in any of their files."""

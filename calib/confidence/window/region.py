@@ -10,7 +10,7 @@ from calib.confidence.window.emulated_margin import EmulatedMargin, emulated_mar
 from calib.confidence.window.observed import KIND_MARGIN, Observed
 
 EXPLAINED_PROBABILITY = 0.5  # of a kind's margins being positive, below which they explain another kind  [1]
-HIGHEST_RANK = 3.0  # standard deviations, by which a margin may exceed its mean; the rank of points on the boundary
+BOUNDARY_PERFORMANCE = 3.0  # standard deviations by which a margin may exceed its mean; performance on the boundary
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,20 +41,20 @@ class Region:
         """Probability (m,) that points (m, dim) are admissible."""
         return self.met(points).prod(axis=1)
 
-    def rank(self, points: np.ndarray) -> np.ndarray:
-        """Order (m,) of points (m, dim) from the farthest outside to the surest inside.
+    def performance(self, points: np.ndarray) -> np.ndarray:
+        """Performance function (m,) of points (m, dim): it rises from the farthest outside to the surest inside.
 
         Far outside a probability is not to be trusted: its logarithm tells where the emulators are unsure, and leads
         nowhere. There the least margin counts, as high as it may be, which rises all the way to the boundary. From
         where all may be positive the least of their ratios to their standard deviations counts: where that is zero, the
-        order is `HIGHEST_RANK`.
+        function is `BOUNDARY_PERFORMANCE`.
         """
         optimistic, ratio = np.full(len(points), np.inf), np.full(len(points), np.inf)
         for margin in self.margins:
             mean, std = margin.predicted(points)
-            optimistic = np.minimum(optimistic, (mean + HIGHEST_RANK * std) / margin.scale)
+            optimistic = np.minimum(optimistic, (mean + BOUNDARY_PERFORMANCE * std) / margin.scale)
             ratio = np.minimum(ratio, mean / std)
-        return np.where(optimistic < 0.0, optimistic, HIGHEST_RANK + ratio)
+        return np.where(optimistic < 0.0, optimistic, BOUNDARY_PERFORMANCE + ratio)
 
     def kind(self, points: np.ndarray) -> np.ndarray:
         """Probability (m,) that the motion is of the measured kind at points (m, dim)."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from calib.confidence.window.region import HIGHEST_RANK, Region
+from calib.confidence.window.region import BOUNDARY_PERFORMANCE, Region
 from calib.confidence.window.subset import subset_simulation
 
 LEVEL_POINTS = 1 << 13  # quasi-random ones of the cube
@@ -70,7 +70,9 @@ def region_sample(
     if (probability >= 0.5).sum() < MIN_INSIDE_POINTS:
         seeds = np.random.SeedSequence(seed).generate_state(replicates)
         parts = [
-            subset_simulation(region.rank, region.probability, dim, HIGHEST_RANK, INSIDE_SHARE, split, int(own))
+            subset_simulation(
+                region.performance, region.probability, dim, BOUNDARY_PERFORMANCE, INSIDE_SHARE, split, int(own)
+            )
             for own in seeds
         ]
         weight = np.concatenate([part.weights for part in parts]) / replicates
