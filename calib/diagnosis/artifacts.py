@@ -70,16 +70,18 @@ def motions(diagnosis: Diagnosis, references: Mapping[str, Reference]) -> dict[s
     in [0, 1], 0 where a sample is not compared. Over row: sigma and innovation (standard deviations of the noise and of
     its innovation, in the row's unit), memory (row, lag; coefficients of its autoregression), and
     the coordinates body, channel, unit and source (from which sigma is estimated). time [s]. Attributes: cycle (of the
-    motion, in periods) and, where the excitation has one, period [s].
+    motion, in periods) and, where the excitation has one, period [s]. Of a frequency response time numbers the points,
+    of which frequency [Hz], level, sweep and direction are coordinates; its rows are in standard uncertainties.
     """
     if diagnosis.selection is None or diagnosis.evidence is None:
         return {}
     selection = diagnosis.selection
-    return {part.name: _motion(part, selection, references[part.name].record) for part in diagnosis.evidence.parts}
+    return {part.name: _motion(part, selection, references[part.name]) for part in diagnosis.evidence.parts}
 
 
-def _motion(part: Part, selection: Selection, record: xr.Dataset) -> xr.Dataset:
+def _motion(part: Part, selection: Selection, reference: Reference) -> xr.Dataset:
     """The measured and simulated motions of one record."""
+    record = reference.compared
     channels = [channel for _, channel in part.rows]
     over = ("row", "time")
     calibrated = selection.null.point.simulated[part.name].rows
@@ -94,10 +96,16 @@ def _motion(part: Part, selection: Selection, record: xr.Dataset) -> xr.Dataset:
         "innovation": ("row", [noise.sigma * noise.innovation for noise in part.noise]),
         "memory": (("row", "lag"), ar),
     }
+    points = {
+        name: ("time", record[name].values, record[name].attrs)
+        for name in ("frequency", "level", "sweep", "direction")
+        if part.is_swept
+    }
     return xr.Dataset(
         {name: (over, rows) for name, rows in views.items()} | noises,
-        coords={
-            "time": ("time", part.time, {"units": "s"}),
+        coords=points
+        | {
+            "time": ("time", part.time, {"units": "1" if part.is_swept else "s"}),
             "body": ("row", [body for body, _ in part.rows]),
             "channel": ("row", channels),
             "unit": ("row", [record[channel].attrs.get("units", "1") for channel in channels]),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
+from calib.dynamics.swept_response import swept_response
 from calib.execution.pool import Failure, in_order
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
@@ -135,7 +136,7 @@ class Bench:
             return replace(_failed(status, str(record.attrs.get("reason", ""))), simulations=simulations(record))
         measured = run.excitation is None
         compared = (
-            self.objective.aligned(run.record, record) if measured else record.assign(trust=("time", trusted(record)))
+            self.objective.compared(run.record, record) if measured else record.assign(trust=("time", trusted(record)))
         )
         pairs = run.rows or self.rows[run.record]
         if run.rows and not _has(compared, pairs):  # states that were not measured: those of the simulation
@@ -178,6 +179,8 @@ class Bench:
         if run.excitation is None and reference.frees_initial_state:
             released = self.objective.released(run.record, model, values, request)
             return released.record, released.slopes
+        if run.excitation is None and reference.is_swept:
+            return swept_response(model, values, excitation, reference.record), {}
         return model.run(values, excitation, request), {}
 
     def _request(self, run: Run, excitation: Excitation) -> Request:

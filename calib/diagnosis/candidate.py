@@ -12,6 +12,7 @@ from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Simulator
 from calib.objective import Reference
 from calib.records import channels
+from calib.records.response import complex_amplitude
 from calib.units import powers
 
 ABOVE_NYQUIST = "its frequencies are above half the sampling rate of every record"
@@ -118,6 +119,10 @@ class Scales:
         length, time = [], []
         for reference in references:
             record, frequency = reference.record, reference.excitation.frequency
+            if reference.is_swept:
+                length.append(np.abs(complex_amplitude(record)).max())
+                time.append(1.0 / (2.0 * np.pi * float(np.median(record["frequency"].values))))
+                continue
             motion = _motion(reference)
             if motion is not None:
                 swing = motion - motion.mean(axis=1, keepdims=True)
@@ -211,6 +216,8 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
         return "it changes with time, and every record is of a motion that has settled"
     if effect.site == "excitation" and not effect.transient and not any(settled):
         return "it needs a harmonic excitation"
+    if effect.site == "sensor" and all(reference.is_swept for reference in references.values()):
+        return "it changes what is measured over time, and every record is a frequency response"
     return ""
 
 
@@ -265,9 +272,12 @@ def _held(parameter: Parameter, effect: Effect, scale: float) -> list[float]:
 
 
 def _highest_frequency(references: Mapping[str, Reference]) -> float:
-    """Half the sampling rate of the record that is sampled fastest [Hz]: higher frequencies are aliased."""
-    times = [reference.record.time.values for reference in references.values()]
-    return max(0.5 * (time.size - 1) / (time[-1] - time[0]) for time in times)
+    """Half the sampling rate of the record that is sampled fastest [Hz]: higher frequencies are aliased.
+
+    Frequency responses are not sampled in time, and bound none.
+    """
+    times = [reference.abscissa for reference in references.values() if not reference.is_swept]
+    return max((0.5 * (time.size - 1) / (time[-1] - time[0]) for time in times), default=np.inf)
 
 
 def _sizes(
@@ -275,7 +285,8 @@ def _sizes(
 ) -> np.ndarray:
     """Values (k, free) at which a refit may start: guessed from the records, else typical ones."""
     if effect.guess is not None:
-        guessed = [effect.guess(reference.record).get(free[0], ()) for reference in references.values()]
+        over_time = [reference.record for reference in references.values() if not reference.is_swept]
+        guessed = [effect.guess(record).get(free[0], ()) for record in over_time]
         return np.unique(np.concatenate([np.zeros(0), *guessed]))[:, None]
     multiples = [effect.natural.get(name, SIZES) for name in free]
     rows = [

@@ -54,6 +54,8 @@ def clock_slopes(
     runs: list[Run] = []
     for name, view in views.items():
         reference = bench.objective.references[name]
+        if reference.is_swept:
+            continue
         excitation, time = reference.excitation, reference.record.time.values
         own = uncertain_clock(excitation, time, view.rows)
         if own is not None:

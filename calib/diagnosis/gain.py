@@ -15,7 +15,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import bias_std, chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.gathering import gathered
+from calib.diagnosis.gathering import cycle_of, gathered
 from calib.diagnosis.harmonic_excess import harmonic_excess, model_error_chi2
 from calib.diagnosis.joint_misfit import JointMisfit, joint_misfit
 from calib.diagnosis.part import Part
@@ -31,7 +31,6 @@ from calib.diagnosis.transfer import (
     refitted_to_each_record,
 )
 from calib.objective import Squares, misfit, row_weights
-from calib.records.cycles import kind_of_motion
 from calib.study import Pool
 
 BOOTSTRAP_DRAWS = 2000  # of the segments of the records  [count]
@@ -199,7 +198,7 @@ def _held_out_evidence(
 ) -> Evidence:
     """Records held out with their noise, compared where the simulations of both models are reliable."""
     references = {name: bench.objective.references[name] for name in after}
-    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in references.items()}
+    cycle = {name: cycle_of(reference) for name, reference in references.items()}
     clocks = clock_slopes(pool, bench, after, final.point.values, final.point.effects)
     evidence = gathered(references, bench.rows, cycle, after, clocks=clocks).with_weights([before, after])
     return evidence.with_remainder(Projection(evidence.tangents(after))(evidence.residual(after)))

@@ -22,8 +22,8 @@ from calib.diagnosis.noise import (
 from calib.diagnosis.part import Part
 from calib.objective import Reference, row_weights
 from calib.objective.outliers import smoothed
-from calib.records import mean_interval
-from calib.records.cycles import mean_cycle
+from calib.records import is_response, mean_interval
+from calib.records.cycles import kind_of_motion, mean_cycle
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +54,11 @@ class _ComparedRows:
         return Remainder(residual, residual, np.zeros((len(residual), 1, 1)))
 
 
+def cycle_of(reference: Reference) -> int:
+    """Periods of the excitation after which a measured motion repeats; 1 where it does not, or is not known to."""
+    return 1 if reference.is_swept else kind_of_motion(reference.record).period or 1
+
+
 def gathered(
     references: Mapping[str, Reference],
     rows: Mapping[str, Sequence[tuple[str, str]]],
@@ -80,7 +85,7 @@ def gathered(
         for name, reference in references.items()
     }
     repeating = {name: _repeating(reference, compared[name], cycle[name]) for name, reference in references.items()}
-    known = [Repeating(mean_interval(references[name].record), noise) for name, noise in repeating.items()]
+    known = [Repeating(interval, noise) for name, noise in repeating.items() if (interval := _interval(references[name]))]
     parts = []
     for name, reference in references.items():
         own, noise = compared[name], repeating[name]
@@ -93,15 +98,16 @@ def gathered(
             Part(
                 name=name,
                 rows=tuple(own.rows),
-                time=reference.record.time.values,
+                time=reference.abscissa,
                 measured=own.measured,
-                period=reference.excitation.period,
+                period=reference.period,
                 cycle=cycle[name],
                 nuisance=tuple(reference.nuisance),
                 noise=tuple(noises),
                 used=own.used,
                 weight=own.weight,
                 clock=(clocks or {}).get(name),
+                is_swept=reference.is_swept,
             )
         )
     return Evidence(tuple(parts))
@@ -137,8 +143,8 @@ def _noise_of_row(
         the noise
     """
     row, weight = compared.rows[index], compared.weight[index]
-    samples = weight, compared.measured[index], _stated(reference.record, row)
-    ar = shared(known, row, mean_interval(reference.record))
+    samples, interval = (weight, compared.measured[index], _stated(reference.record, row)), _interval(reference)
+    ar = None if interval is None else shared(known, row, interval)
     if ar is not None:
         noise = with_autoregression(ar, remainder.scaled(index, weight, ar), *samples)
     elif fitted:
@@ -161,7 +167,7 @@ def _mended(measured: np.ndarray, simulated: np.ndarray, good: np.ndarray) -> np
 
 def _measured(reference: Reference, rows: Sequence[tuple[str, str]]) -> np.ndarray:
     """Measured rows (row, n), each in its unit."""
-    record = reference.record
+    record = reference.compared
     bodies = [str(body) for body in record.body.values]
     return np.array([record[channel].values[bodies.index(body)] for body, channel in rows])
 
@@ -172,7 +178,7 @@ def _repeating(reference: Reference, compared: _ComparedRows, cycle: int) -> dic
     A model error is periodic, and in the mean cycle; or it changes slowly, and is no noise either.
     """
     residual, rows, weight = compared.mended - compared.simulated, compared.rows, compared.weight
-    period, time = reference.excitation.period, reference.record.time.values
+    period, time = reference.period, reference.abscissa
     if period is None or not rows or time[-1] - time[0] < MIN_NOISE_CYCLES * cycle * period:
         return {}
     mean = mean_cycle(time, residual, period, cycle, weight=weight)
@@ -192,9 +198,16 @@ def _slow_changes(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
     return [clock, passed * clock, passed * rows, np.broadcast_to(passed, rows.shape)]
 
 
+def _interval(reference: Reference) -> float | None:
+    """Sampling interval of a record [s]; None of a frequency response."""
+    return None if reference.is_swept else mean_interval(reference.record)
+
+
 def _stated(record: xr.Dataset, row: tuple[str, str]) -> float | None:
     """Standard deviation of the noise that a record states of a row; None where it states none  [unit of the row]."""
     body, channel = row
+    if is_response(record):
+        return 1.0 if "response_sigma" in record else None
     if f"{channel}_sigma" not in record:
         return None
     index = [str(b) for b in record.body.values].index(body)

@@ -92,12 +92,15 @@ def feature_deviations(bench: Bench, part: Part, view: SimulatedRows, rng: np.ra
 
     Noise is added to the simulation at the record's own instants, and features are evaluated as of the record. Their
     mean is the prediction of the measured value - noise increases a magnitude, sampling misses a peak between two
-    samples in both - and their standard deviation its standard error.
+    samples in both - and their standard deviation its standard error. Those of a frequency response are known as its
+    points are.
 
     Parameters
     ----------
     view : simulated, with its features
     """
+    if part.is_swept:
+        return [_of_points(feature) for feature in view.features]
     record = bench.objective.references[part.name].record
     bodies = [str(body) for body in record.body.values]
     drawn: dict[tuple[str, str], list[float]] = {}
@@ -118,6 +121,15 @@ def _deviation(feature: FeatureValue, differences: Sequence[float]) -> Deviation
     return Deviation(
         feature.label, feature.record, feature.body, feature.unit, feature.measured, feature.simulated, error, z
     )
+
+
+def _of_points(feature: FeatureValue) -> Deviation:
+    """Compare a feature of a frequency response, which is known as its points are."""
+    apart, error = None if feature.simulated is None else feature.simulated - feature.measured, feature.resolution
+    return Deviation(
+        feature.label, feature.record, feature.body, feature.unit, feature.measured, feature.simulated, error,
+        None if apart is None or not error > 0.0 else apart / error,
+    )  # fmt: skip
 
 
 def _channels(part: Part, view: SimulatedRows) -> list[ChannelMisfit]:

@@ -22,7 +22,7 @@ class Part:
     ----------
     name : of the record
     rows : (body, channel) pairs
-    time : (n,)  [s]
+    time : (n,) instants [s]; of a frequency response the numbers of its points
     measured : (row, n), each in its unit
     period : of the excitation [s], None without one
     cycle : of the motion, in periods of the excitation
@@ -33,6 +33,7 @@ class Part:
     clock : (row, n) change of the rows with the rate of the clock, where that is uncertain and no nuisance
         [per unit rate]; None elsewhere
     variance_along_clock : variance of what a model leaves along that change, over the noise's  [1]
+    is_swept : whether it is a frequency response
     """
 
     name: str
@@ -47,6 +48,7 @@ class Part:
     weight: np.ndarray
     clock: np.ndarray | None = None
     variance_along_clock: float = 1.0
+    is_swept: bool = False
 
     @property
     def compared_noise(self) -> tuple[Noise, ...]:

@@ -13,7 +13,7 @@ from calib.diagnosis.evidence import Evidence, clocks_differ, pairs_compared
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import Gate, above_noise, fine_enough, noise_known, same_kind, simulates
-from calib.diagnosis.gathering import gathered
+from calib.diagnosis.gathering import cycle_of, gathered
 from calib.diagnosis.noise import RESIDUAL, Remainder
 from calib.diagnosis.record_faults import outliers, rounding
 from calib.diagnosis.refit import Fitter
@@ -23,7 +23,6 @@ from calib.execution.pool import OpenPool
 from calib.execution.workers import workers
 from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
-from calib.records.cycles import kind_of_motion
 from calib.study import CalibrationStudy, Pool
 
 OUTLIERS, QUANTISATION = "outliers", "quantisation"  # faults of the records themselves
@@ -91,7 +90,7 @@ def prepared(
     gates = _gates_of_simulations(pool, study, references, values, views, effects)
     if not all(gate.passed for gate in gates):
         return NotDiagnosable(tuple(gates))
-    cycle = {name: kind_of_motion(reference.record).period or 1 for name, reference in references.items()}
+    cycle = {name: cycle_of(reference) for name, reference in references.items()}
     records = _Records(references, bench.rows, cycle)
     evidence = records.evidence(views, clock_slopes(pool, bench, views, values))
     gates.append(noise_known(evidence))
@@ -152,7 +151,7 @@ def _gates_of_simulations(
     """Test whether all records can be simulated with the measured kind of motion, or whether the solver prevents it."""
     gates = [simulates(views)]
     if gates[0].passed:
-        periodic = any(reference.excitation.periodic for reference in references.values())
+        periodic = any(r.excitation.periodic and not r.is_swept for r in references.values())
         gates.append(same_kind(views, periodic))
         if not gates[-1].passed:
             gates += fine_enough(pool, study.model, values, views, numerical(effects))

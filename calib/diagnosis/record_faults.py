@@ -16,8 +16,11 @@ def outliers(part: Part, simulated: SimulatedRows) -> np.ndarray:
 
     Its residual is MIN_DEVIATION standard deviations beyond the median about it, theirs are not, and the same holds for
     the measured channel itself: a model error may leave spikes in the residual alone. What recurs in the cycles before
-    and after is no outlier either, but belongs to the motion, such as an impact at another time.
+    and after is no outlier either, but belongs to the motion, such as an impact at another time. A frequency response
+    has a peak or a jump where a record over time has outliers: it has none.
     """
+    if part.is_swept:
+        return np.zeros(part.measured.shape, dtype=bool)
     far = part.weight == 1.0
     for rows in (part.measured, part.measured - simulated.rows):
         distance, sigma = deviations(rows)

@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.modelling.modal_system import Forces, ModalSystem
+from calib.modelling.modal_system import Forces, InnerStates, ModalSystem
 
 SAMPLES_PER_HARMONIC = 16  # instants of a period over the highest harmonic: those of the forces do not fold onto it
-MIN_SMOOTH_SAMPLES, MIN_KINKED_SAMPLES = 128, 1024  # of a period; the latter where forces have corners
+MIN_SMOOTH_SAMPLES, MIN_MARCHED_SAMPLES, MIN_KINKED_SAMPLES = 128, 512, 1024  # of a period: see `ModalSystem`
+FORGETTING_RATE = 5.0  # of a slider that does not slide, over the angular frequency  [1]
 CLEARANCE_STEPS = 3  # of Newton's method to the instant of the least clearance
 
 
@@ -40,7 +41,8 @@ class HarmonicBalance:
 
     def __init__(self, system: ModalSystem, harmonics: int) -> None:
         self.system, self.harmonics = system, harmonics
-        least = MIN_KINKED_SAMPLES if system.kinked else MIN_SMOOTH_SAMPLES
+        least = MIN_MARCHED_SAMPLES if system.marched else MIN_SMOOTH_SAMPLES
+        least = MIN_KINKED_SAMPLES if system.kinked else least
         samples = max(least, 1 << (SAMPLES_PER_HARMONIC * harmonics - 1).bit_length())
         self.phase = 2.0 * np.pi * np.arange(samples) / samples
         orders = np.arange(1, harmonics + 1)
@@ -87,18 +89,21 @@ class HarmonicBalance:
             + (2.0 * omega * system.rate)[:, None, None] * self._turn
             + omega**2 * self._turn @ self._turn
         )
-        varied = forces.by_position[:, :, None] * self._synthesis + forces.by_rate[:, :, None] * (omega * self._slope)
-        whole -= np.einsum("ja,ai,aks->jkis", system.gain, places.shape, self._analysis @ varied)
+        # with each coefficient of a place; with omega, by which rates rise and the period falls; with the drive
         cosine, sine = np.outer(places.drive, np.cos(self.phase)), np.outer(places.drive, np.sin(self.phase))
-        rate = places.shape @ (y @ self._slope.T) - amplitude * sine
+        position, rate = np.zeros((2, *cosine.shape, size + 2))
+        position[..., :size], rate[..., :size] = self._synthesis, omega * self._slope
+        rate[..., size] = places.shape @ (y @ self._slope.T) - amplitude * sine
+        position[..., -1], rate[..., -1] = cosine, -omega * sine
+        stretch = np.zeros(size + 2)
+        stretch[size] = -1.0 / omega
+        varied = self._analysis @ forces.changed(position, rate, stretch)
+        whole -= np.einsum("ja,ai,aks->jkis", system.gain, places.shape, varied[..., :size])
+        of_omega, of_amplitude = system.gain @ varied[..., size], system.gain @ varied[..., -1]
         slope = self.slope(y)
-        by_omega = 2.0 * omega * self.slope(slope) + 2.0 * system.rate[:, None] * slope
-        by_omega -= system.gain @ (forces.by_rate * rate @ self._analysis.T)
+        by_omega = 2.0 * omega * self.slope(slope) + 2.0 * system.rate[:, None] * slope - of_omega
         by_omega -= self._loaded(amplitude * np.array([0.0, 1j, -2.0 * omega]))
-        changed = forces.by_position * cosine - forces.by_rate * (omega * sine)
-        by_amplitude = -system.gain @ (changed @ self._analysis.T) - self._loaded(
-            np.array([1.0, 1j * omega, -(omega**2)])
-        )
+        by_amplitude = -of_amplitude - self._loaded(np.array([1.0, 1j * omega, -(omega**2)]))
         return whole.reshape(n * size, n * size), by_omega, by_amplitude
 
     def forces(self, y: np.ndarray, omega: float, amplitude: float) -> Forces:
@@ -109,6 +114,15 @@ class HarmonicBalance:
             times = (self.phase - self.system.phase) / omega
             self._last = key, self.system.forces(motion.position, motion.rate, times)
         return self._last[1]
+
+    def inner_states(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
+        """Internal states (q,) of the forces at the section, linear between the instants; none where there are none."""
+        inner = self.forces(y, omega, amplitude).inner
+        if inner is None:
+            return np.zeros(0)
+        around = np.append(self.phase, 2.0 * np.pi), np.column_stack([inner.value, inner.value[:, 0]])
+        at = self.system.phase % (2.0 * np.pi)
+        return np.array([np.interp(at, around[0], row) for row in around[1]])
 
     def motion(self, y: np.ndarray, omega: float, amplitude: float) -> Motion:
         """Motion of the modes and at the places."""
@@ -136,22 +150,26 @@ class HarmonicBalance:
         return y
 
     def multipliers(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
-        """Floquet multipliers (2 n,) of the motion, by falling modulus.
+        """Floquet multipliers (2 n,) of the motion, by falling modulus; with q internal states of the forces (2 n + q,).
 
         Small differences are carried over the period by the exponential of the Magnus series to fourth order (Iserles
         et al., Acta Numerica 9 (2000) 215), two instants a step.
         """
         system, n = self.system, len(self.system.stiffness)
         forces = self.forces(y, omega, amplitude)
-        shape = system.places.shape
-        rates = np.zeros((len(self.phase) + 1, 2 * n, 2 * n))
-        rates[:, :n, n:] = np.eye(n)
-        rates[:-1, n:, :n] = -np.diag(system.stiffness) + np.einsum(
+        shape, inner = system.places.shape, forces.inner
+        dimension = 2 * n + (0 if inner is None else len(inner.place))
+        rates = np.zeros((len(self.phase) + 1, dimension, dimension))
+        rates[:, :n, n : 2 * n] = np.eye(n)
+        rates[:-1, n : 2 * n, :n] = -np.diag(system.stiffness) + np.einsum(
             "ja,at,ai->tji", system.gain, forces.by_position, shape
         )
-        rates[:-1, n:, n:] = -2.0 * np.diag(system.rate) + np.einsum(
+        rates[:-1, n : 2 * n, n : 2 * n] = -2.0 * np.diag(system.rate) + np.einsum(
             "ja,at,ai->tji", system.gain, forces.by_rate, shape
         )
+        if inner is not None:
+            rates[:-1, n : 2 * n, 2 * n :] = np.einsum("jq,qt->tjq", system.gain[:, inner.place], inner.force_by_state)
+            rates[:-1, 2 * n :] = self._rates_of_states(inner, omega)
         rates[-1] = rates[0]
         step = 4.0 * np.pi / (omega * len(self.phase))
         first, middle, last = rates[:-1:2], rates[1::2], rates[2::2]
@@ -161,6 +179,19 @@ class HarmonicBalance:
             product = product[1::2] @ product[::2]
         multipliers = np.linalg.eigvals(product[0]).astype(complex)
         return multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+
+    def _rates_of_states(self, inner: InnerStates, omega: float) -> np.ndarray:
+        """Derivatives (m, q, 2 n + q) of the rates of internal states.
+
+        A slider that does not slide keeps its place: the multiplier 1 says nothing of the motion's stability, and is
+        left out by letting the slider forget.
+        """
+        shape = self.system.places.shape[inner.place]
+        by_state = np.moveaxis(inner.by_state, 2, 0).copy()
+        rests = np.flatnonzero(~(inner.by_position.any(axis=1) | inner.by_rate.any(axis=1) | by_state.any(axis=(0, 2))))
+        by_state[:, rests, rests] = -FORGETTING_RATE * omega
+        by_motion = [np.einsum("qt,qi->tqi", part, shape) for part in (inner.by_position, inner.by_rate)]
+        return np.concatenate([*by_motion, by_state], axis=2)
 
     def clearance(self, y: np.ndarray, amplitude: float) -> float:
         """Least clearance of a rigid stop along the motion [m], inf without one."""

@@ -64,8 +64,8 @@ def balanced_response(
 
     Raises
     ------
-    CalibError : as there, or forces that harmonic balance does not serve: with internal states, effects on the
-        excitation, a loss by the closing speed
+    CalibError : as there, or forces that harmonic balance does not serve: effects on the excitation, a loss by the closing
+        speed
     """
     check_window(window, levels, harmonics, steps)
     unit_level = max(levels)
@@ -246,6 +246,7 @@ class _SeriesSearch:
             series = self.balance.bodies(y, amplitude)[list(self.balance.system.free)]
             values = [self.balance.at(one, self.balance.phase) for one in (series, omega * self.balance.slope(series))]
             size = np.concatenate([0.5 * np.ptp(value, axis=-1) for value in values])
-            change = np.abs(cycle.state - branch.states[place]) if cycle.converged else math.inf
+            moved = slice(0, size.size)  # internal states of forces follow from the motion
+            change = np.abs(cycle.state - branch.states[place])[moved] if cycle.converged else math.inf
             size = np.where(size > 0.0, size, 1.0)
             yield Truncation(self.balance.harmonics, float(np.max(change / size)), self.level, frequency)

@@ -162,10 +162,10 @@ class SeriesCurve:
         return self.balance.at(series, phase)[:, 0], omega * self.balance.at(self.balance.slope(series), phase)[:, 0]
 
     def state(self, z: np.ndarray) -> np.ndarray:
-        """State (2 d,) of the period map at its section  [m], [m/s]."""
+        """State (dimension,) of the period map at its section  [m], [m/s], internal states of the forces in theirs."""
         displacement, velocity = self.at_section(z)
         free = list(self.balance.system.free)
-        return np.concatenate([displacement[free], velocity[free]])
+        return np.concatenate([displacement[free], velocity[free], self.balance.inner_states(*self.unpacked(z))])
 
     def complex_amplitudes(self, z: np.ndarray, begin: float) -> np.ndarray:
         """Complex amplitudes (body, H + 1) of the displacement [m], see `HarmonicBalance.body_amplitudes`."""

@@ -24,12 +24,44 @@ class Linear(NamedTuple):
     mean: np.ndarray
 
 
+class InnerStates(NamedTuple):
+    """Internal states of forces along a periodic motion, q of them at m instants, and how its changes change them.
+
+    Attributes
+    ----------
+    place : (q,) number of the place at which each acts
+    value : (q, m)
+    force_by_state : (q, m) derivative of the force per unit mass at its place by each
+    by_position, by_rate : (q, m) derivatives of the states' rates by position and rate of their places
+    by_state : (q, q, m) the same by the states
+    changed : changes of position and rate (p, m, k) of the places and of the period, relative (k,) -> those of the
+        forces per unit mass (p, m, k) by what the states then do, which repeat over a period too
+    """
+
+    place: np.ndarray
+    value: np.ndarray
+    force_by_state: np.ndarray
+    by_position: np.ndarray
+    by_rate: np.ndarray
+    by_state: np.ndarray
+    changed: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
 class Forces(NamedTuple):
-    """Forces (p, m) per unit mass at m instants [m/s^2], and their derivatives by position [1/s^2] and rate [1/s]."""
+    """Forces (p, m) per unit mass at m instants [m/s^2], and their derivatives by position [1/s^2] and rate [1/s].
+
+    The derivatives are those with internal states held, which `inner` tells; None without any.
+    """
 
     value: np.ndarray
     by_position: np.ndarray
     by_rate: np.ndarray
+    inner: InnerStates | None = None
+
+    def changed(self, position: np.ndarray, rate: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+        """Change (p, m, k) of the forces with those of position and rate (p, m, k), and of the period, relative (k,)."""
+        held = self.by_position[:, :, None] * position + self.by_rate[:, :, None] * rate
+        return held if self.inner is None else held + self.inner.changed(position, rate, stretch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +76,9 @@ class ModalSystem:
     bodies : displacements of the simulator's bodies; `free`, indices of those that the state of the period map holds
     places : positions at which forces act
     gain : (n, p) modal load per unit of the force per unit mass at each place  [kg^1/2]
-    forces : of positions and rates (p, m) at the places [m], [m/s], and times (m,) [s]
+    forces : of positions and rates (p, m) at the places [m], [m/s], and times (m,) [s], evenly over one period
     kinked : whether forces have corners in position or rate, as that of a stop that yields
+    marched : whether forces have internal states, which are marched from instant to instant
     clearance : of a rigid stop, one position; None without one, or where the stop yields and is among the places
     amplitude : A at the amplitude of the excitation that the system was made with, in its unit
     phase : of U at the section  [rad]
@@ -61,6 +94,7 @@ class ModalSystem:
     gain: np.ndarray
     forces: Callable[[np.ndarray, np.ndarray, np.ndarray], Forces]
     kinked: bool
+    marched: bool
     clearance: Linear | None
     amplitude: float
     phase: float
@@ -75,7 +109,7 @@ class ModalMap(PeriodMap, Protocol):
 
         Raises
         ------
-        CalibError : forces that are no function of position, rate and time, with internal states or a loss by the
+        CalibError : forces that are no function of position, rate, internal states and time, with a loss by the
             closing speed, or a drive that is no single harmonic
         """
         ...

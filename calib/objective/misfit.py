@@ -86,22 +86,22 @@ def row_weights(rows: Rows, used: np.ndarray, trust: np.ndarray) -> np.ndarray:
     return used * np.where(moving[:, None], trust[None], 1.0)
 
 
-def record_misfit(reference: Reference, terms: Sequence[Term], simulated: xr.Dataset, aligned: xr.Dataset) -> float:
+def record_misfit(reference: Reference, terms: Sequence[Term], simulated: xr.Dataset, compared: xr.Dataset) -> float:
     """Misfit of one simulated record, as `MISFIT` has it; NaN where no sample counts  [1].
 
     Parameters
     ----------
     reference : what was measured
     terms : of the study
-    simulated, aligned : the record as it was simulated, and as `Objective.aligned` returns it
+    simulated, compared : the record as it was simulated, and as `Objective.compared` returns it
     """
     given = prescribed(simulated)
-    rows = [(b, c) for b, c in compared_rows(reference, terms) if (b, c) not in given and c in aligned]
-    return misfit([squares_of(reference.record, aligned, rows)]) if rows else np.nan
+    rows = [(b, c) for b, c in compared_rows(reference, terms) if (b, c) not in given and c in compared]
+    return misfit([squares_of(reference.compared, compared, rows)]) if rows else np.nan
 
 
-def squares_of(measured: xr.Dataset, aligned: xr.Dataset, rows: Rows) -> Squares:
+def squares_of(measured: xr.Dataset, compared: xr.Dataset, rows: Rows) -> Squares:
     """Squares of these rows of a record, in a single segment."""
-    reference, simulated = (np.array([one[c].sel(body=b).values for b, c in rows]) for one in (measured, aligned))
-    weight = row_weights(rows, np.ones(reference.shape), aligned["trust"].values)
+    reference, simulated = (np.array([one[c].sel(body=b).values for b, c in rows]) for one in (measured, compared))
+    weight = row_weights(rows, np.ones(reference.shape), compared["trust"].values)
     return Squares.of(reference, simulated, weight, np.zeros(reference.shape[1], dtype=int))

@@ -204,14 +204,28 @@ class Objective:
 
     def aligned(self, name: str, record: xr.Dataset) -> xr.Dataset:
         """Return a simulated record on the time base of the reference `name`, its nuisances applied."""
+        sensed = self._sensed_one(name, record)
+        return sensed.record.assign_attrs({f"nuisance_{key}": value for key, value in sensed.nuisances.items()})
+
+    def compared(self, name: str, record: xr.Dataset) -> xr.Dataset:
+        """Return a simulated record as it is compared with `Reference.compared` sample by sample.
+
+        That is `aligned`, but that of a response each point differs by its distance (`PreparedResponse.compared`).
+        """
+        prepared = self._prepared.get(name)
+        if isinstance(prepared, PreparedResponse):
+            self._sensed_one(name, record)
+            return prepared.compared(record)
+        return self.aligned(name, record)
+
+    def _sensed_one(self, name: str, record: xr.Dataset) -> SensedRecord:
         if name not in self._prepared:
             raise CalibError(f"no reference {name!r}{nearest(name, self._prepared)}; there are {list(self._prepared)}")
         failure = self._prepared[name].failure(record)
         if failure is not None:
             status, reason = failure
             raise CalibError(f"a failed run cannot be aligned (status {status!r}: {reason})")
-        sensed = self._prepared[name].sensed(record)
-        return sensed.record.assign_attrs({f"nuisance_{key}": value for key, value in sensed.nuisances.items()})
+        return self._prepared[name].sensed(record)
 
     def released(
         self, name: str, model: Model, values: Mapping[str, float], request: Request | None = None

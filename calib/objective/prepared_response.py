@@ -1,7 +1,7 @@
 """A measured frequency response, prepared for the comparison with simulated ones."""
 
-from collections.abc import Sequence
-from typing import NoReturn
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 import xarray as xr
@@ -13,7 +13,7 @@ from calib.objective.scalar_features import FeatureValue, Scalar, compared
 from calib.objective.terms import Reference, Term
 from calib.records import OK
 from calib.records.cycles import SWEPT, MotionKind
-from calib.records.response import complex_amplitude, sweeps, tolerances
+from calib.records.response import PARTS, complex_amplitude, sweeps, tolerances
 
 SAMPLES_PER_INTERVAL = 16  # of the curve between two of its points, where the nearest one is sought
 MAX_FOOT_STEPS = 6  # of Newton's method to the nearest point of the curve
@@ -54,23 +54,48 @@ class PreparedResponse:
         standard uncertainty (`calib.records.response.tolerances`): orthogonal distance regression.
         """
         simulated = simulated.sel(body=self.bodies)
-        frequency = np.empty(self.record.sizes["point"])
-        amplitude = np.empty((len(self.bodies), frequency.size), dtype=complex)
-        rows = [self.bodies.index(body) for body in self._bodies]
+        size = self.record.sizes["point"]
+        frequency, amplitude = np.empty(size), np.empty((len(self.bodies), size), dtype=complex)
+        for point, foot in self._feet(simulated):
+            frequency[point], amplitude[:, point] = foot.frequency, foot.amplitude
+        values = {
+            "frequency": ("point", frequency, {"units": "Hz"}),
+            "in_phase": (("body", "point"), amplitude.real, {"units": "m"}),
+            "quadrature": (("body", "point"), amplitude.imag, {"units": "m"}),
+            "trust": ("point", np.ones(size)),
+        }
+        return SensedRecord(self.record.assign(values), simulated, {}, KIND, frozenset())
+
+    def compared(self, simulated: xr.Dataset) -> xr.Dataset:
+        """Return a simulated response as it is compared with the measured one in its standard uncertainties.
+
+        The distance of a point from the curve has the components dF / sigma_F, dH / sigma_H, and none along the curve
+        (at the end of a stretch it may have one, which does not count). It is turned in the plane of the frequency and
+        of the tangent, by the angle between these, so that its component by the frequency becomes the one along the
+        curve: what is left are as many components as there are parts, of noise of unit variance.
+        """
+        parts = self.reference.compared
+        rows, own = self._rows, np.array([parts[part].values for part in PARTS])
+        for point, foot in self._feet(simulated.sel(body=self.bodies)):
+            own[:, rows, point] -= _turned(foot.apart, foot.tangent)[1:].reshape(len(PARTS), len(rows))
+        values = {part: (("body", "point"), values) for part, values in zip(PARTS, own, strict=True)}
+        return parts.assign({**values, "trust": ("point", np.ones(own.shape[-1]))})
+
+    @property
+    def _rows(self) -> list[int]:
+        """Numbers of the bodies that are compared."""
+        return [self.bodies.index(body) for body in self._bodies]
+
+    def _feet(self, simulated: xr.Dataset) -> Iterator[tuple[int, "_Foot"]]:
+        """Each measured point with the nearest one of the curve of its sweep."""
+        rows = self._rows
         measured, own = self.record["frequency"].values, complex_amplitude(self.record)
         for sweep, points in sweeps(self.record):
             curves = _curves(simulated, sweep)
             for point in points.tolist():
                 sigma = np.concatenate([[self._frequency_sigma[point]], *(2 * [self._sigma[rows, point]])])
                 target = np.concatenate([[measured[point]], own[rows, point].real, own[rows, point].imag])
-                frequency[point], amplitude[:, point] = _nearest(curves, target, sigma, rows)
-        values = {
-            "frequency": ("point", frequency, {"units": "Hz"}),
-            "in_phase": (("body", "point"), amplitude.real, {"units": "m"}),
-            "quadrature": (("body", "point"), amplitude.imag, {"units": "m"}),
-            "trust": ("point", np.ones(frequency.size)),
-        }
-        return SensedRecord(self.record.assign(values), simulated, {}, KIND, frozenset())
+                yield point, _nearest(curves, target, sigma, rows)
 
     def penalty(self, motion: MotionKind) -> float | None:
         """None: a response is of no kind of motion."""
@@ -84,19 +109,26 @@ class PreparedResponse:
         """Largest amplitude, and the frequency at which it is, of each body in each sweep."""
         found: list[FeatureValue] = []
         for body in (body for body in self.bodies if any(body == own for own, _ in pairs)):
-            measured, simulated = (_peaks(record, body) for record in (self.record, sensed.record))
+            row = self.bodies.index(body)
+            measured, simulated = (self._peaks(record, row) for record in (self.record, sensed.record))
             found += compared(self.name, body, measured, simulated)
         return found
 
 
-def _peaks(record: xr.Dataset, body: str) -> dict[str, Scalar]:
-    own = np.abs(complex_amplitude(record.sel(body=[body]))[0])
-    peaks: dict[str, Scalar] = {}
-    for sweep, points in sweeps(record):
-        top = points[int(np.argmax(own[points]))]
-        peaks[f"largest amplitude in sweep {sweep:g}"] = Scalar(float(own[top]), "m")
-        peaks[f"frequency of the largest amplitude in sweep {sweep:g}"] = Scalar(float(record.frequency[top]), "Hz")
-    return peaks
+    def _peaks(self, record: xr.Dataset, row: int) -> dict[str, Scalar]:
+        """Scalar features of a body; a frequency is known to the step at which it is, of each of two responses."""
+        own, frequency = np.abs(complex_amplitude(record)[row]), record["frequency"].values
+        peaks: dict[str, Scalar] = {}
+        for sweep, points in sweeps(record):
+            place = int(np.argmax(own[points]))
+            top = points[place]
+            steps = np.abs(np.diff(self.record["frequency"].values[points[max(place - 1, 0) : place + 2]]))
+            step = float(steps.mean()) if steps.size else 0.0
+            known = float(np.hypot(step / np.sqrt(6.0), self._frequency_sigma[top]))
+            label = "largest amplitude in sweep"
+            peaks[f"{label} {sweep:g}"] = Scalar(float(own[top]), "m", resolution=float(self._sigma[row, top]))
+            peaks[f"frequency of the {label} {sweep:g}"] = Scalar(float(frequency[top]), "Hz", resolution=known)
+        return peaks
 
 
 def _curves(simulated: xr.Dataset, sweep: float) -> list[tuple[np.ndarray, CubicSpline | None, np.ndarray]]:
@@ -120,35 +152,73 @@ def _curves(simulated: xr.Dataset, sweep: float) -> list[tuple[np.ndarray, Cubic
     return curves
 
 
+class _Foot(NamedTuple):
+    """The point of a curve that is nearest to a measured one.
+
+    Attributes
+    ----------
+    frequency : [Hz]
+    amplitude : (body,) complex  [m]
+    apart : (1 + 2 n,) measured point less this one: frequency, real and imaginary parts of the n compared bodies, each
+        in its standard uncertainty
+    tangent : (1 + 2 n,) unit vector along the curve, likewise, towards higher frequencies
+    """
+
+    frequency: float
+    amplitude: np.ndarray
+    apart: np.ndarray
+    tangent: np.ndarray
+
+
 def _nearest(
     curves: list[tuple[np.ndarray, CubicSpline | None, np.ndarray]],
     target: np.ndarray,
     sigma: np.ndarray,
     rows: Sequence[int],
-) -> tuple[float, np.ndarray]:
-    """Frequency [Hz] and complex amplitudes (body,) [m] of the point of the curves that is nearest to a measured one.
+) -> _Foot:
+    """Point of the curves that is nearest to a measured one.
 
     target, sigma : (1 + 2 n,) frequency, real parts and imaginary parts of n compared bodies, and their uncertainties
     """
-    best, nearest = np.inf, np.empty(0)
+    best, found = np.inf, (np.empty(0), np.empty(0))
+    bodies = (curves[0][2].shape[1] - 1) // 2
+    columns = [0, *(1 + row for row in rows), *(1 + bodies + row for row in rows)]
     for along, spline, points in curves:
-        bodies = (points.shape[1] - 1) // 2
-        columns = [0, *(1 + row for row in rows), *(1 + bodies + row for row in rows)]
         fine = np.interp(
             np.arange(SAMPLES_PER_INTERVAL * (along.size - 1) + 1) / SAMPLES_PER_INTERVAL, np.arange(along.size), along
         )
         sampled = _at(fine, along, spline, points)
         square = (((sampled[:, columns] - target) / sigma) ** 2).sum(axis=1)
         place = int(np.argmin(square))
-        foot = sampled[place]
+        low, high = max(place - 1, 0), min(place + 1, fine.size - 1)
+        foot, ahead = sampled[place], sampled[high] - sampled[low]
         if spline is not None:
-            low, high = fine[max(place - 1, 0)], fine[min(place + 1, fine.size - 1)]
-            foot = spline(_foot(spline, float(fine[place]), (float(low), float(high)), columns, target, sigma))
+            at = _foot(spline, float(fine[place]), (float(fine[low]), float(fine[high])), columns, target, sigma)
+            foot, ahead = spline(at), spline(at, 1)
         distance = float((((foot[columns] - target) / sigma) ** 2).sum())
         if distance < best:
-            best, nearest = distance, foot
-    bodies = (nearest.size - 1) // 2
-    return float(nearest[0]), nearest[1 : 1 + bodies] + 1j * nearest[1 + bodies :]
+            best, found = distance, (foot, ahead)
+    foot, ahead = found
+    tangent = ahead[columns] / sigma
+    length = float(np.linalg.norm(tangent))
+    tangent = np.eye(1, tangent.size)[0] if length == 0.0 else np.copysign(1.0, tangent[0]) * tangent / length
+    amplitude = foot[1 : 1 + bodies] + 1j * foot[1 + bodies :]
+    return _Foot(float(foot[0]), amplitude, (target - foot[columns]) / sigma, tangent)
+
+
+def _turned(vector: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+    """Turn a vector by the rotation that takes a unit tangent, whose first component is not negative, to the first axis.
+
+    In their plane, by I + K + K^2 / (1 + cos a) with K = e t' - t e' and a the angle between them.
+    """
+
+    def swung(own: np.ndarray) -> np.ndarray:
+        swing = -own[0] * tangent
+        swing[0] += tangent @ own
+        return swing
+
+    once = swung(vector)
+    return vector + once + swung(once) / (1.0 + tangent[0])
 
 
 def _at(fine: np.ndarray, along: np.ndarray, spline: CubicSpline | None, points: np.ndarray) -> np.ndarray:

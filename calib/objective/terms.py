@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal, Protocol, get_args
 
 import numpy as np
@@ -11,6 +12,7 @@ from calib.errors import CalibError, nearest
 from calib.modelling.simulator import Request
 from calib.records import OK, STATE, check, is_response, mean_interval
 from calib.records.excitation import Excitation
+from calib.records.response import in_standard_uncertainties
 
 Use = Literal["calibrate", "name", "holdout"]
 USES = get_args(Use)
@@ -95,6 +97,21 @@ class Reference:
     def is_swept(self) -> bool:
         """Whether it is a frequency response, and none over time."""
         return is_response(self.record)
+
+    @property
+    def period(self) -> float | None:
+        """Period of the excitation [s]; None where it has none, or another at each point of a frequency response."""
+        return None if self.is_swept else self.excitation.period
+
+    @property
+    def abscissa(self) -> np.ndarray:
+        """Instants of the samples (n,) [s]; of a frequency response the numbers of its points, in the order measured."""
+        return np.arange(self.record.sizes["point"], dtype=float) if self.is_swept else self.record.time.values
+
+    @cached_property
+    def compared(self) -> xr.Dataset:
+        """The record as it is compared sample by sample: of a response the parts in their standard uncertainties."""
+        return in_standard_uncertainties(self.record) if self.is_swept else self.record
 
     def _check_nuisance(self, nuisance: str) -> None:
         if nuisance not in NUISANCES:

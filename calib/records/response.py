@@ -189,6 +189,14 @@ def tolerances(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     return of_frequency, of_parts
 
 
+def in_standard_uncertainties(record: xr.Dataset) -> xr.Dataset:
+    """Return a response with its parts in units of their standard uncertainties, as `tolerances` has them  [1]."""
+    _, sigma = tolerances(record)
+    return record.assign(
+        {part: (("body", "point"), record.variables[part].values / sigma, {"units": "1"}) for part in PARTS}
+    )
+
+
 def numbered(level: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
     """Numbers (point,) of the sweeps, of which a new one begins where level or direction change."""
     rows = list(zip(level.tolist(), (level if direction is None else direction).tolist(), strict=True))

@@ -388,8 +388,8 @@ def _prediction_summary(file: StudyFile, name: str, answer: Evaluation | Failure
         return held_out(answer.score, math.nan)
     reference, objective = file.others[name], file.study.objective
     simulated = answer.records[name]
-    aligned = objective.on({name: reference}).aligned(name, simulated)
-    return held_out(answer.score, record_misfit(reference, objective.terms, simulated, aligned))
+    compared = objective.on({name: reference}).compared(name, simulated)
+    return held_out(answer.score, record_misfit(reference, objective.terms, simulated, compared))
 
 
 def _in_the_place_of_intervals(

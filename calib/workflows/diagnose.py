@@ -14,7 +14,6 @@ from calib.study_file import load, stated_candidates
 from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.extension import extended_study
-from calib.workflows.time_records import check_time_records
 
 
 def diagnose_study(
@@ -55,7 +54,7 @@ def diagnose_study(
     CalibError : a mistake in the study file, the candidates or the budget, or the study has not been calibrated
     """
     limit = Budget.of(budget)
-    file = check_time_records(load(path, jobs=jobs, out=out, pool=pool), "diagnose")
+    file = load(path, jobs=jobs, out=out, pool=pool)
     if candidates is not None:
         file = replace(file, candidates=stated_candidates(candidates, file.path.parent))
     values = calibrated_values(file, file.folder)

@@ -9,15 +9,17 @@ import pytest
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.harmonic_response import balanced_response
 from calib.dynamics.orbits import shoot
-from calib.dynamics.response import frequency_response
+from calib.dynamics.response import frequency_response, harmonics_of_cycle
 from calib.dynamics.response_dataset import response_dataset
 from calib.dynamics.setting import Setting
-from calib.effects.bouc_wen import EFFECT as BOUC_WEN
+from calib.dynamics.swept_response import swept_response
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.errors import CalibError
 from calib.modelling.model import Model
+from calib.plugins import load
 from calib.records.excitation import Excitation
+from calib.records.response import complex_amplitude, make_response
 from calib.simulators.four_dof.four_dof import FourDof
 from calib.simulators.oscillator.oscillator import Oscillator
 
@@ -39,6 +41,22 @@ def folds(response):
     return np.array([p.parameter for one in response.branches for p in one.branch.points if p.kind == "fold"])
 
 
+# forces with internal states, large enough to change the motion by tenths; m/s^2, m, Hz, 1/s^2
+WITH_STATES = {
+    "presliding": {"dahl_force": 0.3, "dahl_distance": 2e-3},
+    "bouc_wen": {"hysteresis_force": 0.3, "hysteresis_distance": 3e-3},
+    "iwan": {"iwan_force": 0.3, "iwan_distance": 8e-3},
+    "stribeck": {"stribeck_force": 0.2, "stribeck_distance": 1e-3, "stribeck_speed": 0.05},
+    "extra_mode": {"mode_mass": 0.05, "mode_frequency": 3.4, "mode_damping": 0.05},
+    "fractional_damping": {"fractional_stiffness": 20.0, "fractional_frequency": 3.0},
+    "backlash": {"backlash_stiffness": 60.0, "backlash_width": 3e-3, "backlash_force": 5.0},
+}
+
+
+def with_states(name):
+    return setting(load("calib.effects", name), **WITH_STATES[name])
+
+
 # --- the equations
 
 
@@ -56,10 +74,11 @@ def systems():
             options={"stop": True, "contact": "hunt_crossley"}, gap=2e-3, hunt_crossley=0.6, contact_time=0.05
         ),
         "four_dof": four,
+        **{name: with_states(name) for name in WITH_STATES},
     }
 
 
-@pytest.mark.parametrize("name", ["duffing", "friction", "moving base", "compliant stop", "four_dof"])
+@pytest.mark.parametrize("name", ["duffing", "friction", "moving base", "compliant stop", "four_dof", *WITH_STATES])
 def test_the_derivative_is_that_of_the_residual(name):
     held = systems()[name]
     system = held.map().modal_system()
@@ -93,6 +112,32 @@ def test_multipliers_are_those_of_the_period_map():
     np.testing.assert_allclose(
         np.sort_complex(one.branch.multipliers[-1]), np.sort_complex(cycle.multipliers), atol=3e-6
     )
+
+
+# a slider that does not slide may rest anywhere: shooting finds no single cycle
+@pytest.mark.parametrize("name", [name for name in WITH_STATES if name != "backlash"])
+def test_motions_with_internal_states_are_those_of_shooting(name):
+    held, frequency = with_states(name), 3.05
+    [one] = balanced_response(held, (2.9, frequency), [0.6], harmonics=15, steps=2).branches
+    map = held.map({"excitation.frequency": frequency, "excitation.amplitude": 0.6})
+    cycle = shoot(map, one.branch.states[-1])
+    assert cycle.converged
+    assert one.frequency[-1] == frequency
+    scaled = one.branch.states / map.scale
+    np.testing.assert_allclose(cycle.state / map.scale, scaled[-1], atol=2e-3 * np.abs(scaled[:, :2]).max())
+    assert one.branch.stable.all()
+    np.testing.assert_allclose(np.abs(one.branch.multipliers[-1])[0], np.abs(cycle.multipliers).max(), atol=0.02)
+
+
+def test_a_slider_whose_sliding_the_steps_do_not_resolve_is_left_to_shooting():
+    held = setting(load("calib.effects", "backlash"), **WITH_STATES["backlash"] | {"backlash_force": 0.2})
+    measured = make_response(np.array([2.9, 3.0]), ["mass"], np.ones((1, 2)), 0.6, "N")
+    found = swept_response(held.model, held.values, FORCE, measured)
+    assert found.attrs["status"] == "ok"
+    settled = held.map({"excitation.frequency": 3.0, "excitation.amplitude": 0.6}).orbit(np.zeros(3), 300)
+    amplitude, _ = harmonics_of_cycle(held, 1, 1, 3.0, 0.6, settled.states[-1])
+    own = found.isel(point=int(np.argmin(np.abs(found.frequency.values - 3.0))))
+    np.testing.assert_allclose(complex_amplitude(own.expand_dims("point", -1))[0, 0], amplitude[0, 1], rtol=1e-3)
 
 
 # --- responses
@@ -175,7 +220,6 @@ def test_the_dataset_says_how_the_motions_were_found():
 @pytest.mark.parametrize(
     ("held", "message"),
     [
-        (setting(BOUC_WEN, hysteresis_force=1.0), "internal states"),
         (setting(options={"stop": True, "contact": "gonthier"}), "speed at which it began"),
         (setting(options={"stop": True, "contact": "kelvin_voigt"}), "jumps where it begins"),
     ],

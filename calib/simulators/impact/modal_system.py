@@ -4,18 +4,20 @@ The forces that harmonic balance transforms between time and frequency are evalu
 central differences of the laws themselves.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 
 from calib.errors import CalibError
-from calib.modelling.laws import STATES
+from calib.modelling.laws import SLOTS, STATES
 from calib.modelling.modal_system import Forces, Linear, ModalSystem
 from calib.simulators.compilation import COMPILED
+from calib.simulators.impact.law_states import LawAtPlace, at_places, inner_states, state_path
 from calib.simulators.impact.problem import (
     EXCITATION_LAWS,
     FORCE_LAWS,
     FREE,
-    LAW_STATES,
     PORT_LAWS,
     Compliance,
     Problem,
@@ -25,8 +27,12 @@ from calib.simulators.slots import force
 LAW_DIFFERENCE = 1e-6  # of the largest position or rate at a place, for the derivatives of its laws
 
 
-def modal_system(problem: Problem, bodies: int, free: tuple[int, ...]) -> ModalSystem:
+def modal_system(
+    problem: Problem, bodies: int, free: tuple[int, ...], law_states: Sequence[tuple[int, int, int]]
+) -> ModalSystem:
     """Make the modal system of a problem with `bodies` bodies: `free` are coordinates, the others move as the drive.
+
+    law_states : as `calib.simulators.impact.period_map.ImpactMap` has them
 
     Raises
     ------
@@ -47,14 +53,15 @@ def modal_system(problem: Problem, bodies: int, free: tuple[int, ...]) -> ModalS
     if compliance is not None:
         places.append(clearance)
         gains.append(compliance.load[:, None])
-    acts = np.ascontiguousarray(problem.acts[:, columns])
+    acts, with_states = np.ascontiguousarray(problem.acts[:, columns]), at_places(law_states, columns)
 
     def forces(position: np.ndarray, rate: np.ndarray, times: np.ndarray) -> Forces:
         laws = len(columns)
-        parts = [_law_forces(problem, acts, position[:laws], rate[:laws], times)]
-        if compliance is not None:
-            parts.append(_contact_forces(compliance, position[laws:], rate[laws:]))
-        return Forces(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        by_laws = _law_forces(problem, acts, with_states, position[:laws], rate[:laws], times)
+        if compliance is None:
+            return by_laws
+        stop = _contact_forces(compliance, position[laws:], rate[laws:])
+        return Forces(*(np.concatenate(part) for part in zip(by_laws[:3], stop[:3], strict=True)), by_laws.inner)
 
     whole = Linear(np.zeros((bodies, n)), np.ones(bodies), np.zeros(bodies))  # what is not free moves by U
     whole.shape[list(free)], whole.drive[list(free)], whole.mean[list(free)] = coordinates
@@ -69,6 +76,7 @@ def modal_system(problem: Problem, bodies: int, free: tuple[int, ...]) -> ModalS
         gain=np.hstack(gains),
         forces=forces,
         kinked=compliance is not None,
+        marched=bool(with_states),
         clearance=clearance if problem.stop and compliance is None else None,
         amplitude=problem.amplitude,
         phase=problem.phase,
@@ -77,8 +85,6 @@ def modal_system(problem: Problem, bodies: int, free: tuple[int, ...]) -> ModalS
 
 def _check(problem: Problem) -> None:
     advice = "; take shooting"
-    if problem.counts[LAW_STATES] > 0:
-        raise CalibError("harmonic balance does not serve forces with internal states" + advice)
     if problem.counts[EXCITATION_LAWS] > 0:
         raise CalibError("harmonic balance does not serve effects on the excitation" + advice)
     if problem.compliance is not None and problem.compliance.by_speed:
@@ -114,15 +120,23 @@ def _contact_forces(compliance: Compliance, clearance: np.ndarray, rate: np.ndar
 
 
 def _law_forces(
-    problem: Problem, acts: np.ndarray, position: np.ndarray, rate: np.ndarray, times: np.ndarray
-) -> Forces:
+    problem: Problem, acts: np.ndarray, with_states: Sequence[LawAtPlace], position: np.ndarray, rate: np.ndarray,
+    times: np.ndarray,
+) -> Forces:  # fmt: skip
     out = np.zeros((3, *position.shape))
     count = int(problem.counts[FORCE_LAWS]) if position.size else 0
-    if count:
-        steps = np.array([np.abs(part).max(axis=1) for part in (position, rate)]) * LAW_DIFFERENCE
-        steps[steps == 0.0] = LAW_DIFFERENCE
-        _evaluate(problem.force, problem.force_p, count, acts, position, rate, times, steps, out)
-    return Forces(*out)
+    if not count:
+        return Forces(*out)
+    steps = np.array([np.abs(part).max(axis=1) for part in (position, rate)]) * LAW_DIFFERENCE
+    steps[steps == 0.0] = LAW_DIFFERENCE
+    states = np.zeros((len(position), times.size if with_states else 1, SLOTS, STATES))
+    paths = []
+    for law, a, size in with_states:
+        own = position[a], rate[a], (float(steps[0, a]), float(steps[1, a]))
+        paths.append(state_path(problem.force[law], problem.force_p[law], size, times, *own))
+        states[a, :, law, :size] = paths[-1].value.T
+    _evaluate(problem.force, problem.force_p, count, acts, position, rate, times, steps, states, out)
+    return Forces(*out, inner_states(with_states, paths, float(times[1] - times[0])) if paths else None)
 
 
 @njit(**COMPILED)
@@ -141,7 +155,7 @@ def _sum(
     total = 0.0
     for i in range(count):
         if acts[i]:
-            total += force(laws[i], t, x, v, parameters[i], z, dz)
+            total += force(laws[i], t, x, v, parameters[i], z[i], dz)
     return total
 
 
@@ -155,14 +169,18 @@ def _evaluate(
     rate: np.ndarray,
     times: np.ndarray,
     steps: np.ndarray,
+    states: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write sums of the laws (3, place, instant): value, and derivatives by position and rate."""
-    z, dz = np.zeros(STATES), np.zeros(STATES)
+    """Write sums of the laws (3, place, instant): value, and derivatives by position and rate with `states` held.
+
+    states : (place, instant, slot, STATES); without any, of one instant
+    """
+    dz = np.zeros(STATES)
     for a in range(position.shape[0]):
         own, hx, hv = acts[:, a], steps[0, a], steps[1, a]
         for j in range(times.size):
-            t, x, v = times[j], position[a, j], rate[a, j]
+            t, x, v, z = times[j], position[a, j], rate[a, j], states[a, j % states.shape[1]]
             out[0, a, j] = _sum(laws, parameters, count, own, t, x, v, z, dz)
             ahead = _sum(laws, parameters, count, own, t, x + hx, v, z, dz)
             behind = _sum(laws, parameters, count, own, t, x - hx, v, z, dz)

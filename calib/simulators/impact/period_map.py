@@ -126,7 +126,7 @@ class ImpactMap:
 
     def modal_system(self) -> ModalSystem:
         """Return the system whose motion is mapped; see `calib.modelling.modal_system.ModalMap`."""
-        return modal_system(self.problem, len(self.bodies), self.free)
+        return modal_system(self.problem, len(self.bodies), self.free, self.law_states)
 
     def near_misses(self, state: np.ndarray) -> np.ndarray:
         """Local minima of the clearance over one period [m]."""

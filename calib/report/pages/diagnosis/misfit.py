@@ -141,7 +141,9 @@ def clocks(references: Mapping[str, Reference]) -> str:
     names: dict[str, list[str]] = {}
     for name, reference in references.items():
         excitation = reference.excitation
-        if excitation.harmonic:
+        if reference.is_swept:
+            how = "does not enter a frequency response"
+        elif excitation.harmonic:
             how = "is a nuisance, solved for against the steady tone"
         elif excitation.quantity == "free decay" or not excitation.periodic:
             how = (

@@ -1,0 +1,183 @@
+"""Stepped sines of an oscillator with a hidden force, and the study that seeks it.
+
+The instrument holds each frequency until the motion repeats, measures the complex amplitude with noise of 2 % of the
+rms amplitude of a level, and goes on from there, so that a fold is passed as in a laboratory. Integrated by Runge and
+Kutta's classical method with fixed steps, which shares nothing with what is calibrated.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from calib.records.response import make_response
+
+MASS, STIFFNESS, DAMPING = 1.0, 400.0, 0.9  # kg, N/m, N s/m
+FREQUENCIES = np.linspace(2.7, 4.0, 24)  # Hz
+CALIBRATED, HELD_OUT = (0.12, 0.25, 0.6), (0.4,)  # N
+NOISE = 0.02  # of the rms amplitude of a level, in each part
+STEPS_PER_PERIOD, MAX_PERIODS, MEASURED_PERIODS = 600, 800, 4
+CLOSED = 1e-6  # change of displacement and velocity over a period, over the largest that was reached
+
+Force = Callable[[float, float, float, float, float], tuple[float, float]]  # x, v, z, size, form -> force, rate of z
+
+
+@njit
+def _cubic(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    return -size * x**3, 0.0
+
+
+@njit
+def _odd_square(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    return size * x * abs(x), 0.0
+
+
+@njit
+def _drag(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    return -size * v * abs(v), 0.0
+
+
+@njit
+def _coulomb(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    return -size * np.tanh(v / form), 0.0
+
+
+@njit
+def _dahl(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    return -size * z, (v - z * abs(v)) / form
+
+
+class Cause(NamedTuple):
+    """A hidden force per unit mass.
+
+    Attributes
+    ----------
+    force : of displacement, velocity, internal state, size and form
+    sizes : least and greatest, drawn on a logarithmic scale
+    form : second parameter, drawn likewise
+    accepted : effects that are the right answer
+    """
+
+    force: Force
+    sizes: tuple[float, float]
+    form: tuple[float, float]
+    accepted: tuple[str, ...]
+
+
+CAUSES: Mapping[str, Cause] = {
+    "cubic_stiffness": Cause(_cubic, (6e4, 4e5), (1.0, 1.0), ("cubic_stiffness",)),
+    "softening": Cause(_odd_square, (1.5e3, 5e3), (1.0, 1.0), ("softening",)),
+    "quadratic_drag": Cause(_drag, (1.5, 6.0), (1.0, 1.0), ("quadratic_drag",)),
+    "coulomb_friction": Cause(_coulomb, (0.02, 0.06), (2e-3, 4e-3), ("coulomb_friction",)),
+    "presliding": Cause(_dahl, (0.05, 0.15), (2e-3, 8e-3), ("presliding",)),
+}
+
+
+@njit
+def _stepped(
+    force: Force, size: float, form: float, values: np.ndarray, level: float, frequencies: np.ndarray
+) -> np.ndarray:
+    """Complex amplitudes (n,) of displacement by a force level cos(2 pi f t) per frequency, in their order  [m]."""
+    mass, stiffness, damping = values
+    y, found = np.zeros(3), np.zeros(frequencies.size, dtype=np.complex128)
+    for k in range(frequencies.size):
+        omega = 2.0 * np.pi * frequencies[k]
+        h = 2.0 * np.pi / omega / STEPS_PER_PERIOD
+        left, largest = MAX_PERIODS, np.zeros(2)
+        while left > 0:
+            before, total = y.copy(), 0.0j
+            for step in range(STEPS_PER_PERIOD):
+                total += y[0] * np.exp(-1j * omega * step * h) * 2.0 / STEPS_PER_PERIOD
+                slope, stages = np.zeros((4, 3)), y.copy()
+                for stage in range(4):
+                    own, rate = force(stages[0], stages[1], stages[2], size, form)
+                    part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+                    drive = level * np.cos(omega * (step + part) * h)
+                    slope[stage, 0] = stages[1]
+                    slope[stage, 1] = (drive - stiffness * stages[0] - damping * stages[1]) / mass + own
+                    slope[stage, 2] = rate
+                    if stage < 3:
+                        stages = y + (1.0 if stage == 2 else 0.5) * h * slope[stage]
+                y = y + h / 6.0 * (slope[0] + 2.0 * slope[1] + 2.0 * slope[2] + slope[3])
+                largest = np.maximum(largest, np.abs(y[:2]))
+            closed = (np.abs(y[:2] - before[:2]) < CLOSED * largest).all()
+            left = min(left - 1, MEASURED_PERIODS if closed else left)
+        found[k] = total
+    return found
+
+
+class Truth(NamedTuple):
+    """What is hidden: name of the cause, its size and form, and the values of mass, stiffness and damping."""
+
+    cause: str | None
+    size: float
+    form: float
+    values: np.ndarray
+
+
+def drawn(cause: str | None, seed: int) -> Truth:
+    """Draw what is hidden."""
+    rng = np.random.default_rng([seed, 22])
+    values = np.array([MASS, STIFFNESS * rng.uniform(0.95, 1.05), DAMPING * rng.uniform(0.6, 1.4)])
+    if cause is None:
+        return Truth(None, 0.0, 1.0, values)
+    low, high = np.log(CAUSES[cause].sizes), np.log(CAUSES[cause].form)
+    return Truth(cause, float(np.exp(rng.uniform(*low))), float(np.exp(rng.uniform(*high))), values)
+
+
+def record(truth: Truth, levels: Sequence[float], seed: int):
+    """Response record of sweeps up at these levels."""
+    rng = np.random.default_rng([seed, len(levels), 23])
+    force = CAUSES[truth.cause or "cubic_stiffness"].force
+    rows = []
+    for level in levels:
+        own = _stepped(force, truth.size, truth.form, truth.values, level, FREQUENCIES)
+        sigma = NOISE * np.sqrt(np.mean(np.abs(own) ** 2))
+        rows.append(own + sigma * (rng.standard_normal((FREQUENCIES.size, 2)) @ [1.0, 1j]))
+    sweep = np.repeat(np.arange(len(levels)), FREQUENCIES.size)
+    return make_response(
+        np.tile(FREQUENCIES, len(levels)), ["mass"], np.concatenate(rows)[None], np.repeat(levels, FREQUENCIES.size),
+        "N", sweep, place="mass", quantity="force",
+    )  # fmt: skip
+
+
+STUDY = """[study]
+name = "stepped"
+seed = {seed}
+budget = 60
+
+[[record]]
+name = "levels"
+path = "levels.nc"
+use = "calibrate"
+
+[[record]]
+name = "between"
+path = "between.nc"
+use = "holdout"
+
+[model]
+simulator = "oscillator"
+
+[model.fixed]
+mass = "1 kg"
+
+[windows]
+stiffness = {{ low = "330 N/m", high = "470 N/m" }}
+damping = {{ low = 0.1, high = 8.0, scale = "log" }}
+
+[[term]]
+feature = "frequency_response"
+
+[optimiser]
+name = "multistart"
+"""
+
+
+def written(truth: Truth, seed: int, folder: Path) -> None:
+    """Write the records and the study of what is hidden."""
+    for name, levels in (("levels", CALIBRATED), ("between", HELD_OUT)):
+        record(truth, levels, seed).to_netcdf(folder / f"{name}.nc")
+    (folder / "study.toml").write_text(STUDY.format(seed=seed))
