@@ -51,7 +51,7 @@ def simulates(views: Mapping[str, SimulatedRows]) -> Gate:
 def same_kind(views: Mapping[str, SimulatedRows], periodic: bool) -> Gate:
     """Measured and simulated motion have the same period; not tested where no excitation is `periodic`."""
     if not periodic:
-        return Gate("kind of motion", True, "no steady motion of a periodic excitation: kinds of motion do not apply")
+        return Gate("kind of motion", True, "no record of a steady motion over time: kinds of motion do not apply")
     wrong = {name: view.wrong for name, view in views.items() if view.wrong}
     summary = "; ".join(f"{name}: {text}" for name, text in wrong.items())
     return Gate("kind of motion", not wrong, summary or "simulated motions have the period of the measured ones")

@@ -85,7 +85,9 @@ def gathered(
         for name, reference in references.items()
     }
     repeating = {name: _repeating(reference, compared[name], cycle[name]) for name, reference in references.items()}
-    known = [Repeating(interval, noise) for name, noise in repeating.items() if (interval := _interval(references[name]))]
+    known = [
+        Repeating(interval, noise) for name, noise in repeating.items() if (interval := _interval(references[name]))
+    ]
     parts = []
     for name, reference in references.items():
         own, noise = compared[name], repeating[name]

@@ -150,7 +150,7 @@ class HarmonicBalance:
         return y
 
     def multipliers(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
-        """Floquet multipliers (2 n,) of the motion, by falling modulus; with q internal states of the forces (2 n + q,).
+        """Floquet multipliers (2 n,) of the motion, by falling modulus; (2 n + q,) with q internal states.
 
         Small differences are carried over the period by the exponential of the Magnus series to fourth order (Iserles
         et al., Acta Numerica 9 (2000) 215), two instants a step.

@@ -59,7 +59,7 @@ class Forces(NamedTuple):
     inner: InnerStates | None = None
 
     def changed(self, position: np.ndarray, rate: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-        """Change (p, m, k) of the forces with those of position and rate (p, m, k), and of the period, relative (k,)."""
+        """Change (p, m, k) of the forces with that of position and rate (p, m, k) and of the period, relative (k,)."""
         held = self.by_position[:, :, None] * position + self.by_rate[:, :, None] * rate
         return held if self.inner is None else held + self.inner.changed(position, rate, stretch)
 

@@ -114,7 +114,6 @@ class PreparedResponse:
             found += compared(self.name, body, measured, simulated)
         return found
 
-
     def _peaks(self, record: xr.Dataset, row: int) -> dict[str, Scalar]:
         """Scalar features of a body; a frequency is known to the step at which it is, of each of two responses."""
         own, frequency = np.abs(complex_amplitude(record)[row]), record["frequency"].values
@@ -207,7 +206,7 @@ def _nearest(
 
 
 def _turned(vector: np.ndarray, tangent: np.ndarray) -> np.ndarray:
-    """Turn a vector by the rotation that takes a unit tangent, whose first component is not negative, to the first axis.
+    """Turn a vector by the rotation that takes a unit tangent of no negative first component to the first axis.
 
     In their plane, by I + K + K^2 / (1 + cos a) with K = e t' - t e' and a the angle between them.
     """

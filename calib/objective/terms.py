@@ -105,7 +105,7 @@ class Reference:
 
     @property
     def abscissa(self) -> np.ndarray:
-        """Instants of the samples (n,) [s]; of a frequency response the numbers of its points, in the order measured."""
+        """Instants of the samples (n,) [s]; of a frequency response the numbers of its points."""
         return np.arange(self.record.sizes["point"], dtype=float) if self.is_swept else self.record.time.values
 
     @cached_property

@@ -45,7 +45,6 @@ from calib.workflows.posterior import (
     without_earlier,
 )
 from calib.workflows.predictive import predicted_simulations
-from calib.workflows.time_records import check_time_records
 
 CONFIDENCE_PICTURE = "confidence.png"
 ALL = "all"
@@ -92,7 +91,7 @@ def confidence_study(
     posterior = posterior or only_posterior
     _check_sampling(posterior, only_posterior and bool(pairs), sample_nuisances, compare)
     begin = time.monotonic()
-    file = check_time_records(load(path, jobs=jobs, out=out, pool=pool), "confidence")
+    file = load(path, jobs=jobs, out=out, pool=pool)
     study, folder = file.study, file.folder
     chosen = _pairs(study, pairs)
     others = [load(other, jobs=jobs, pool=pool) for other in compare]

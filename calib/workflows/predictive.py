@@ -237,6 +237,8 @@ def _with_noise(name: str, case: Case, objective: Objective, answer: Evaluation 
     def unusable(reason: str) -> _Compared:
         return _Compared(name, case, objective, {}, None, reason)
 
+    if objective.references[name].is_swept:
+        return unusable("bands are of motions over time, and it is a frequency response")
     if isinstance(answer, Failure):
         return unusable(f"the best point cannot be simulated ({answer.status}: {answer.reason})")
     simulated = answer.records[name]

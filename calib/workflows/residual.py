@@ -15,7 +15,7 @@ from calib.diagnosis.noise import MIN_LEVEL, RESIDUAL
 from calib.diagnosis.part import Part
 from calib.execution.pool import Failure
 from calib.objective import Objective
-from calib.records import OK, STATE, is_response, prescribed
+from calib.records import OK, STATE, prescribed
 from calib.records.cycles import IRREGULAR, kind_of_motion
 from calib.study import Evaluation
 from calib.study.result import ChannelResidual
@@ -35,7 +35,7 @@ def residuals_beside_noise(
     if not isinstance(evaluation, Evaluation) or evaluation.score.status != OK or evaluation.score.wrong:
         return ()
     found: list[ChannelResidual] = []
-    for name in (name for name in objective.scored if not is_response(objective.references[name].record)):
+    for name in objective.scored:
         beside = beside_simulation(objective, name, evaluation.records[name])
         if beside is not None:
             found += _compared(*beside)
@@ -50,8 +50,8 @@ def beside_simulation(objective: Objective, name: str, simulated: xr.Dataset) ->
     simulated : of the reference `name`, of status ok
     """
     reference, rows = objective.references[name], pairs_compared(objective)
-    cycle = _cycle(reference.record)
-    if cycle is None or reference.record.sizes["time"] < CRITERIA.min_noise_samples:
+    cycle = 1 if reference.is_swept else _cycle(reference.record)
+    if cycle is None or reference.abscissa.size < CRITERIA.min_noise_samples:
         return None
     view = _rows(objective, name, rows[name], simulated)
     if view is None:
@@ -71,13 +71,13 @@ def _rows(
     objective: Objective, name: str, pairs: Sequence[tuple[str, str]], simulated: xr.Dataset
 ) -> SimulatedRows | None:
     """Rows of a simulated record on the time base of the measured one; None where a channel is missing."""
-    aligned = objective.aligned(name, simulated)
-    if not all(channel in aligned.variables for _, channel in pairs):
+    compared = objective.compared(name, simulated)
+    if not all(channel in compared.variables for _, channel in pairs):
         return None
-    bodies = [str(body) for body in aligned.body.values]
-    rows = np.array([aligned[channel].values[bodies.index(body)] for body, channel in pairs])
+    bodies = [str(body) for body in compared.body.values]
+    rows = np.array([compared[channel].values[bodies.index(body)] for body, channel in pairs])
     usable = bool(pairs) and bool(np.isfinite(rows).all())
-    return SimulatedRows(rows, aligned["trust"].values, given=prescribed(simulated)) if usable else None
+    return SimulatedRows(rows, compared["trust"].values, given=prescribed(simulated)) if usable else None
 
 
 def _compared(part: Part, view: SimulatedRows) -> list[ChannelResidual]:

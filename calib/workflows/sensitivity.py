@@ -14,7 +14,6 @@ from calib.sweep.sensitivity import MORRIS, SensitivityDesign, SensitivityResult
 from calib.sweep.sensitivity.design import DEFAULT_SAMPLES, DEFAULT_TRAJECTORIES, Method
 from calib.sweep.sensitivity.document import write
 from calib.workflows.evaluations import SEARCH, Evaluations
-from calib.workflows.time_records import check_time_records
 
 SENSITIVITY_PICTURE = "sensitivity.png"
 SENSITIVITY_FOLDER = "sensitivity"  # in that of the results: a ledger for each method
@@ -58,7 +57,7 @@ def sensitivity_study(
     CalibError : a mistake in the study file or the method; SALib is not installed
     KeyboardInterrupt : stopped by Ctrl-C; the points evaluated until then are kept
     """
-    file = check_time_records(load(path, jobs=jobs, out=out, pool=pool), "sensitivity")
+    file = load(path, jobs=jobs, out=out, pool=pool)
     study, folder = file.study, file.folder
     groups = _groups(method, trajectories, samples)
     design = SensitivityDesign(method, study.space.dim, groups, study.seed if seed is None else seed)

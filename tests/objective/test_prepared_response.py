@@ -7,7 +7,7 @@ from calib.errors import CalibError
 from calib.features.frequency_response import ResponseDistance
 from calib.objective import Objective, Reference, Term
 from calib.records.excitation import Excitation
-from calib.records.response import make_response
+from calib.records.response import PARTS, make_response
 
 FORCE = Excitation("mass", "force", frequency=1.0, amplitude=1.0)
 SIGMA, FREQUENCY_SIGMA = 0.01, 0.005  # m, Hz
@@ -64,3 +64,51 @@ def test_a_failed_response_costs_infinitely_and_a_nuisance_is_refused():
     assert compared({"stepped": wrong}).cost == np.inf
     with pytest.raises(CalibError, match="a frequency response has no nuisances"):
         Reference("stepped", simulated(2.0).drop_vars("piece"), nuisance=["trigger"], excitation=FORCE)
+
+
+# --- what is compared point by point, in standard uncertainties
+
+
+def noisy(rng, fold=2.0):
+    """Points of the upper branch up to the fold, each moved by noise of its stated uncertainties."""
+    frequency = np.linspace(1.2, fold - 0.01, 60)
+    amplitude = curve(fold, frequency) + SIGMA * (rng.standard_normal((60, 2)) @ [1.0, 1j])
+    measured = make_response(
+        frequency + FREQUENCY_SIGMA * rng.standard_normal(60), ["mass"], amplitude[None], 1.0, "N",
+        sigma=np.full((1, 60), SIGMA), frequency_sigma=np.full(60, FREQUENCY_SIGMA), place="mass", quantity="force",
+    )  # fmt: skip
+    return Reference("stepped", measured, excitation=FORCE)
+
+
+def residuals(reference, found):
+    compared = Objective({"stepped": reference}, [Term(ResponseDistance())]).compared("stepped", found)
+    return np.array([reference.compared[part][0].values - compared[part][0].values for part in PARTS])
+
+
+def test_residuals_of_noise_have_unit_variance_whatever_the_slope_of_the_curve():
+    rng = np.random.default_rng(5)
+    drawn = np.array([residuals(noisy(rng), simulated(2.0)) for _ in range(60)])
+    steep = slice(50, 58)  # where frequency counts more than amplitude
+    assert np.mean(drawn**2) == pytest.approx(1.0, abs=0.06)
+    assert np.mean(drawn[:, :, steep] ** 2) == pytest.approx(1.0, abs=0.15)
+
+
+def test_residuals_have_the_length_of_the_distance_and_no_part_along_the_curve():
+    rng = np.random.default_rng(6)
+    reference = noisy(rng)
+    objective = Objective({"stepped": reference}, [Term(ResponseDistance())])
+    aligned = objective.aligned("stepped", simulated(2.0, 1.01))
+    apart = [
+        (reference.record.frequency.values - aligned.frequency.values) / FREQUENCY_SIGMA,
+        *((reference.record[part][0].values - aligned[part][0].values) / SIGMA for part in PARTS),
+    ]
+    squares = (residuals(reference, simulated(2.0, 1.01)) ** 2).sum(axis=0)
+    inside = slice(2, 55)
+    np.testing.assert_allclose(squares[inside], np.square(apart).sum(axis=0)[inside], rtol=1e-3, atol=1e-3)
+
+
+def test_residuals_change_smoothly_with_the_curve():
+    reference = noisy(np.random.default_rng(7))
+    found = np.array([residuals(reference, simulated(fold)) for fold in np.linspace(1.98, 2.02, 41)])
+    steps = np.abs(np.diff(found[:, :, :50], axis=0)).max(axis=(1, 2))
+    assert steps.max() < 3.0 * np.median(steps)

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from calib.execution.files import whole
 from calib.records.response import complex_amplitude, sweeps, tolerances
-from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, png, shown_unit
+from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, png, shown_unit
 
 SWEEPS = mpl.colormaps["viridis"]  # colours of the sweeps, by rising level
 LIGHTEST_SWEEP = 0.82  # of the colour map: the yellow beyond it is too light on white  [1]
@@ -45,7 +45,10 @@ def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) 
             upper.set_ylim(0.0, None)
             lower.set_ylabel("Phase [deg]")
         grid[-1].set_xlabel("Frequency of the excitation [Hz]")
-        grid[0].legend(handles=_legend(measured, colours, simulated is not None), loc="best", fontsize=7)
+        handles = sweep_entries(measured)
+        if simulated is not None:
+            handles.append(Line2D([], [], color=LINE, linewidth=1.1, label="simulated, stable"))
+        grid[0].legend(handles=handles, loc="best", fontsize=7)
     return figure
 
 
@@ -63,12 +66,10 @@ def response_residual(measured: xr.Dataset, aligned: xr.Dataset) -> Figure:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(TEXT_WIDTH * 1.1, 1.7 * (len(bodies) + 1)), dpi=DPI, layout="constrained")
         grid = figure.subplots(len(bodies) + 1, 1, sharex=True)
-        colours, markers = _colours(measured), _markers(measured)
-        for sweep, points in sweeps(measured):
-            look = {"color": colours[sweep], "marker": markers[sweep], "markersize": 3.5, "linewidth": 0.6}
+        for points, look in sweep_look(measured):
             for row, axes in enumerate(grid):
                 values = apart[row] if row < len(bodies) else in_frequency
-                axes.plot(measured["frequency"].values[points], values[points], **look)
+                axes.plot(measured["frequency"].values[points], values[points], markersize=3.5, linewidth=0.6, **look)
         for axes, body in zip(grid, bodies, strict=False):
             axes.set_ylabel(f"{body}:\n|dH| / sigma")
             axes.set_ylim(0.0, None)
@@ -81,6 +82,25 @@ def response_picture(measured: xr.Dataset, path: str | Path) -> None:
     """Draw a response to a PNG file."""
     with whole(Path(path)) as temporary:
         temporary.write_bytes(png(response_over_frequency(measured, None)))
+
+
+def sweep_look(measured: xr.Dataset) -> list[tuple[np.ndarray, Look]]:
+    """Points of each sweep, and the colour and marker that stand for its level and direction."""
+    colours, markers = _colours(measured), _markers(measured)
+    return [(points, {"color": colours[sweep], "marker": markers[sweep]}) for sweep, points in sweeps(measured)]
+
+
+def sweep_entries(measured: xr.Dataset) -> list[Line2D]:
+    """Entries of a legend of the sweeps: level and direction; the first few of many."""
+    colours, markers, handles = _colours(measured), _markers(measured), list[Line2D]()
+    unit = str(measured["level"].attrs["units"])
+    for sweep, points in sweeps(measured)[:MAX_LEGEND_SWEEPS]:
+        level = float(np.median(measured["level"].values[points]))
+        factor, name = shown_unit(unit, level)
+        way = "up" if markers[sweep] == UP else "down"
+        label = f"{factor * level:.4g} {name}, {way}"
+        handles.append(Line2D([], [], color=colours[sweep], marker=markers[sweep], linestyle="none", label=label))
+    return handles
 
 
 def _colours(measured: xr.Dataset) -> dict[float, tuple[float, float, float, float]]:
@@ -131,19 +151,3 @@ def _phase(amplitude: np.ndarray) -> np.ndarray:
     """Phase between -270 and 90 degrees: a response lags its excitation."""
     degrees = np.degrees(np.angle(amplitude))
     return np.where(degrees > 90.0, degrees - 360.0, degrees)
-
-
-def _legend(
-    measured: xr.Dataset, colours: dict[float, tuple[float, float, float, float]], simulated: bool
-) -> list[Line2D]:
-    markers, handles = _markers(measured), list[Line2D]()
-    unit = str(measured["level"].attrs["units"])
-    for sweep, points in sweeps(measured)[:MAX_LEGEND_SWEEPS]:
-        level = float(np.median(measured["level"].values[points]))
-        factor, name = shown_unit(unit, level)
-        way = "up" if markers[sweep] == UP else "down"
-        label = f"{factor * level:.4g} {name}, {way}"
-        handles.append(Line2D([], [], color=colours[sweep], marker=markers[sweep], linestyle="none", label=label))
-    if simulated:
-        handles.append(Line2D([], [], color=LINE, linewidth=1.1, label="simulated, stable"))
-    return handles

@@ -32,7 +32,7 @@ class LawAtPlace(NamedTuple):
 
     slot: int
     place: int
-    count: int
+    states: int
 
 
 def at_places(law_states: Sequence[tuple[int, int, int]], columns: Sequence[int]) -> list[LawAtPlace]:
@@ -50,7 +50,7 @@ def at_places(law_states: Sequence[tuple[int, int, int]], columns: Sequence[int]
 
 
 class StatePath(NamedTuple):
-    """States (count, m) of one law at one place along a periodic motion, and derivatives of their rates and of the force.
+    """States (count, m) of one law at a place along a periodic motion, and derivatives of their rates and of the force.
 
     rate, by_position, by_rate (count, m) and by_state (count, count, m) of g; force_by_state (count, m)
     """
@@ -81,7 +81,8 @@ def state_path(
     m = times.size
     step = float(times[1] - times[0])
     size = _sizes(law, parameters, count, times, position, rate, step * m)
-    path = StatePath(*np.zeros((4, count, m)), np.zeros((count, count, m)), np.zeros((count, m)))
+    value, rates, by_position, by_rate, force_by_state = np.zeros((5, count, m))
+    path = StatePath(value, rates, by_position, by_rate, np.zeros((count, count, m)), force_by_state)
     start = np.zeros(count)
     for period in range(MAX_PERIODS):
         end = _marched(law, parameters, times, position, rate, step, start, size, path.value)
@@ -103,11 +104,8 @@ def state_path(
 
 def inner_states(laws: Sequence[LawAtPlace], paths: Sequence[StatePath], step: float) -> InnerStates:
     """Put the states of all laws together; `step` between instants  [s]."""
-    sizes = [law.count for law in laws]
+    sizes = [law.states for law in laws]
     place = np.repeat([law.place for law in laws], sizes)
-    value, _, by_position, by_rate, _, force_by_state = (
-        np.concatenate(part) if part[0].ndim == 2 else None for part in zip(*paths, strict=True)
-    )
     by_state = np.zeros((len(place), len(place), paths[0].value.shape[1]))
     first = 0
     for size, path in zip(sizes, paths, strict=True):
@@ -122,7 +120,15 @@ def inner_states(laws: Sequence[LawAtPlace], paths: Sequence[StatePath], step: f
             forces[law.place] += np.einsum("sm,smk->mk", path.force_by_state, _carried(path.by_state, step, load))
         return forces
 
-    return InnerStates(place, value, force_by_state, by_position, by_rate, by_state, changed)
+    return InnerStates(
+        place,
+        np.concatenate([path.value for path in paths]),
+        np.concatenate([path.force_by_state for path in paths]),
+        np.concatenate([path.by_position for path in paths]),
+        np.concatenate([path.by_rate for path in paths]),
+        by_state,
+        changed,
+    )
 
 
 @njit(**COMPILED)
@@ -181,8 +187,8 @@ def _marched(
                 of_force[i] = known[i] + half * dz[i] - z[i]
             for i in range(count):
                 correction = 0.0
-                for l in range(count):
-                    correction += inverse[i, l] * of_force[l]
+                for s in range(count):
+                    correction += inverse[i, s] * of_force[s]
                 z[i] += correction
                 largest = max(largest, abs(correction) / size[i])
             if largest <= STEP_CORRECTED:
@@ -230,7 +236,13 @@ def _invert(slope: np.ndarray, step: float, inverse: np.ndarray) -> None:
 
 @njit(**COMPILED)
 def _advanced(
-    by_state: np.ndarray, step: float, j: int, inverse: np.ndarray, load: np.ndarray, now: np.ndarray, explicit: np.ndarray
+    by_state: np.ndarray,
+    step: float,
+    j: int,
+    inverse: np.ndarray,
+    load: np.ndarray,
+    now: np.ndarray,
+    explicit: np.ndarray,
 ) -> None:
     """Take changes `now` (count, k) of the states from instant j to j + 1 under loads (count, m, k)."""
     count, m, columns = load.shape
@@ -239,12 +251,12 @@ def _advanced(
     for c in range(columns):
         for i in range(count):
             explicit[i] = now[i, c] + half * (load[i, j, c] + load[i, k, c])
-            for l in range(count):
-                explicit[i] += half * by_state[i, l, j] * now[l, c]
+            for s in range(count):
+                explicit[i] += half * by_state[i, s, j] * now[s, c]
         for i in range(count):
             total = 0.0
-            for l in range(count):
-                total += inverse[i, l] * explicit[l]
+            for s in range(count):
+                total += inverse[i, s] * explicit[s]
             now[i, c] = total
 
 

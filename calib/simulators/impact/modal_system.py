@@ -61,7 +61,12 @@ def modal_system(
         if compliance is None:
             return by_laws
         stop = _contact_forces(compliance, position[laws:], rate[laws:])
-        return Forces(*(np.concatenate(part) for part in zip(by_laws[:3], stop[:3], strict=True)), by_laws.inner)
+        return Forces(
+            np.concatenate([by_laws.value, stop.value]),
+            np.concatenate([by_laws.by_position, stop.by_position]),
+            np.concatenate([by_laws.by_rate, stop.by_rate]),
+            by_laws.inner,
+        )
 
     whole = Linear(np.zeros((bodies, n)), np.ones(bodies), np.zeros(bodies))  # what is not free moves by U
     whole.shape[list(free)], whole.drive[list(free)], whole.mean[list(free)] = coordinates
@@ -116,7 +121,10 @@ def _contact_forces(compliance: Compliance, clearance: np.ndarray, rate: np.ndar
     pressing = (depth > 0.0) & (value > 0.0)
     slope = compliance.stiffness * compliance.exponent * depth ** (compliance.exponent - 1.0)
     by_depth = slope * (1.0 + compliance.loss * closing)
-    return Forces(*(np.where(pressing, part, 0.0) for part in (value, -by_depth, -power * compliance.loss)))
+    value, by_clearance, by_rate = (
+        np.where(pressing, part, 0.0) for part in (value, -by_depth, -power * compliance.loss)
+    )
+    return Forces(value, by_clearance, by_rate)
 
 
 def _law_forces(
@@ -126,7 +134,7 @@ def _law_forces(
     out = np.zeros((3, *position.shape))
     count = int(problem.counts[FORCE_LAWS]) if position.size else 0
     if not count:
-        return Forces(*out)
+        return Forces(out[0], out[1], out[2])
     steps = np.array([np.abs(part).max(axis=1) for part in (position, rate)]) * LAW_DIFFERENCE
     steps[steps == 0.0] = LAW_DIFFERENCE
     states = np.zeros((len(position), times.size if with_states else 1, SLOTS, STATES))
@@ -136,7 +144,8 @@ def _law_forces(
         paths.append(state_path(problem.force[law], problem.force_p[law], size, times, *own))
         states[a, :, law, :size] = paths[-1].value.T
     _evaluate(problem.force, problem.force_p, count, acts, position, rate, times, steps, states, out)
-    return Forces(*out, inner_states(with_states, paths, float(times[1] - times[0])) if paths else None)
+    inner = inner_states(with_states, paths, float(times[1] - times[0])) if paths else None
+    return Forces(out[0], out[1], out[2], inner)
 
 
 @njit(**COMPILED)

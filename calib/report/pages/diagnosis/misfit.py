@@ -15,6 +15,7 @@ from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.diagnosed_cycles import compared_rows, rms_over_noise, state_rows
 from calib.report.plots.diagnosed_loops import misfit_loops
 from calib.report.plots.diagnosed_residuals import residual_figure
+from calib.report.plots.diagnosed_responses import response_residual_figure
 from calib.report.plots.missing_force import is_significant, missing_accelerations, missing_force_figure
 from calib.units import reading
 
@@ -30,6 +31,11 @@ RESIDUALS = (
 RESIDUALS_IN_TIME = (
     "Residual, measured minus simulated, over time: grey dots by the calibrated model{extended}; the grey band is two "
     "standard deviations of the noise."
+)
+RESIDUALS_OVER_FREQUENCY = (
+    "Distance of each measured point from the simulated curve of its sweep, in standard uncertainties: where the curve is "
+    "steep, that in frequency counts in the place of the part along it. A colour a level, triangles in the direction of "
+    "the sweep; the grey band is two standard deviations of the noise."
 )
 GREEN = ", green by the extended one"
 IMPACTS = "; where the background is orange, beside impacts, velocity is not compared"
@@ -162,6 +168,12 @@ def record_residuals(motions: Mapping[str, xr.Dataset], label: str) -> list[Reco
     residuals = []
     for name in sorted(motions, key=lambda name: -rms_over_noise(motions[name])):
         motion = motions[name]
+        if "sweep" in motion.coords:
+            figure, caption = response_residual_figure(motion, label), RESIDUALS_OVER_FREQUENCY
+            picture = pictured(figure, f"diagnosed-{name}", caption)
+            if picture is not None:
+                residuals.append(RecordResidual(name, picture))
+            continue
         skipped = any(not motion.weight.values[row].all() for row, *_ in compared_rows(motion))
         caption = RESIDUALS if "period" in motion.attrs else RESIDUALS_IN_TIME
         caption = caption.format(impacts=IMPACTS if skipped else "", extended=GREEN if "extended" in motion else "")

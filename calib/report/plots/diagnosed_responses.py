@@ -1,0 +1,52 @@
+"""Residual of a diagnosed frequency response over frequency and level; responses as in `calib.diagnosis.artifacts`."""
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from calib.report.plots.diagnosed_cycles import compared_rows
+from calib.report.plots.measured_response import sweep_entries, sweep_look
+from calib.report.plots.style import LINE, STYLE, TEXT_WIDTH
+
+NOISE = "#e4e4e4"  # band of the noise of a point
+
+
+def response_residual_figure(motion: xr.Dataset, label: str = "") -> Figure | None:
+    """Residual of each part of each body over frequency, a colour a level; beside it that of the extended model.
+
+    label : name of the extended model, whose residual is drawn too where there is one
+    """
+    compared = compared_rows(motion)
+    if not compared:
+        return None
+    models = {"calibrated": "calibrated model"}
+    if label and "extended" in motion:
+        models["extended"] = label
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(TEXT_WIDTH, 1.7 * len(compared) + 0.9), layout="constrained")
+        grid = figure.subplots(len(compared), len(models), squeeze=False, sharex=True, sharey="row")
+        for panels, (row, body, channel, _) in zip(grid, compared, strict=True):
+            for axes, model in zip(panels, models, strict=True):
+                _residual(axes, motion, row, motion.measured.values[row] - motion[model].values[row])
+            panels[0].set_ylabel(f"{body}: {channel.replace('_', ' ')}\n[standard uncertainties]")
+        for axes, title in zip(grid[0], models.values(), strict=True):
+            axes.set_title(f"measured minus simulated: {title}")
+        for axes in grid[-1]:
+            axes.set_xlabel("Frequency of the excitation [Hz]")
+        handles = [*sweep_entries(motion), Patch(color=NOISE, label="noise, ±2 standard deviations")]
+        figure.legend(handles=handles, loc="outside upper right", ncols=min(5, len(handles)), columnspacing=1.4)
+    return figure
+
+
+def _residual(axes: Axes, motion: xr.Dataset, row: int, residual: np.ndarray) -> None:
+    sigma = float(motion.sigma[row])
+    axes.axhspan(-2.0 * sigma, 2.0 * sigma, color=NOISE, linewidth=0, zorder=0)
+    axes.axhline(0.0, color=LINE, linewidth=0.6, zorder=1)
+    counts = motion.weight.values[row] > 0.0
+    for points, look in sweep_look(motion):
+        own = points[counts[points]]
+        axes.plot(motion.frequency.values[own], residual[own], markersize=3.5, linewidth=0.6, **look)
+    axes.margins(x=0.02)

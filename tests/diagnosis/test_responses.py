@@ -1,0 +1,68 @@
+"""Diagnosis of frequency responses: forces hidden in stepped sines by another integrator."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hidden.stepped import CAUSES, MASS, drawn, record, written
+
+from calib.cli import main as calib
+from calib.diagnosis.artifacts import read_motions
+
+CANDIDATES = '\n[diagnosis]\ncandidates = ["quadratic_drag", "coulomb_friction", "cubic_stiffness", "softening"]\n'
+
+
+def diagnosed(cause, seed, folder):
+    """What a diagnosis says of a hidden cause, and what was hidden."""
+    truth = drawn(cause, seed)
+    written(truth, seed, folder)
+    study = folder / "study.toml"
+    study.write_text(study.read_text() + CANDIDATES)
+    for command in ("run", "diagnose"):
+        answer = CliRunner().invoke(calib, [command, str(folder), "--quiet", "--jobs", "1"], catch_exceptions=False)
+        assert answer.exit_code == 0, answer.output
+    return truth, json.loads((folder / "out" / "diagnosis.json").read_text())
+
+
+def test_a_linear_oscillator_of_another_integrator_is_its_transfer_function():
+    truth = drawn(None, 3)
+    measured = record(truth, (0.25,), 3)
+    omega = 2.0 * np.pi * measured.frequency.values
+    _, stiffness, damping = truth.values
+    expected = 0.25 / (stiffness - MASS * omega**2 + 1j * damping * omega)
+    found = measured.in_phase[0].values + 1j * measured.quadrature[0].values
+    assert np.sqrt(np.mean(np.abs(found - expected) ** 2)) == pytest.approx(
+        0.02 * np.sqrt(2.0 * np.mean(np.abs(expected) ** 2)), rel=0.4
+    )
+
+
+def test_drag_is_named_with_its_size_and_the_gain_on_a_level_held_out(tmp_path):
+    truth, said = diagnosed("quadratic_drag", 1, tmp_path)
+    assert said["verdict"] == "named"
+    assert said["causes"] == ["quadratic_drag"]
+    [drag] = [one for one in said["suspects"] if one["effect"] == "quadratic_drag"]
+    low, high = drag["interval"]["c2"]
+    assert abs(drag["size"]["c2"] - truth.size) < 0.75 * (high - low)  # 3 standard errors
+    gain = said["gain"]
+    assert gain["records"] == ["between"]
+    assert gain["after"] < 0.7 * gain["before"]
+    motion = read_motions(tmp_path / "out")["levels"]
+    assert motion.sizes["time"] == motion.frequency.size == 72
+    left = (motion.measured - motion.extended) / motion.sigma
+    assert float((left**2).mean()) == pytest.approx(1.0, abs=0.35)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Distance of each measured point from the simulated curve of its sweep" in page
+
+
+def test_nothing_is_found_where_nothing_is_hidden(tmp_path):
+    _, said = diagnosed(None, 2, tmp_path)
+    assert said["verdict"] == "none"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cause", ["coulomb_friction", "cubic_stiffness", "softening"])
+def test_a_hidden_force_is_in_the_reported_class(tmp_path, cause):
+    _, said = diagnosed(cause, 1, tmp_path)
+    assert said["verdict"] in ("named", "one_of")
+    assert any(name in CAUSES[cause].accepted for names in said["class"] for name in names)
