@@ -33,9 +33,9 @@ RESIDUALS_IN_TIME = (
     "standard deviations of the noise."
 )
 RESIDUALS_OVER_FREQUENCY = (
-    "Distance of each measured point from the simulated curve of its sweep, in standard uncertainties: where the curve is "
-    "steep, that in frequency counts in the place of the part along it. A colour a level, triangles in the direction of "
-    "the sweep; the grey band is two standard deviations of the noise."
+    "Distance of each measured point from the simulated curve of its sweep, in standard uncertainties: where the curve "
+    "is steep, that in frequency counts in the place of the part along it. A colour a level, triangles in the "
+    "direction of the sweep; the grey band is two standard deviations of the noise."
 )
 GREEN = ", green by the extended one"
 IMPACTS = "; where the background is orange, beside impacts, velocity is not compared"
