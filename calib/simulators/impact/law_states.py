@@ -18,12 +18,12 @@ from calib.simulators.compilation import COMPILED
 from calib.simulators.slots import force
 
 STATE_DIFFERENCE = 1e-6  # of the size of a state, for the derivatives by it
-MAX_PERIODS = 40  # over which states are marched until they repeat
+MAX_MARCHED_PERIODS = 40  # over which states are marched until they repeat
 PLAIN_PERIODS = 2  # of these without Newton's method: friction forgets its start within one
 REPEATED = 1e-10  # change over a period over the size of a state
 STEP_CORRECTIONS = 12  # of Newton's method in one step, its derivative that at the step before
 STEP_CORRECTED = 1e-11  # correction over the size of a state
-PERTURBATION, MAX_MISSED = 1e-5, 0.2  # of the start, in sizes of the states; of what it does over a period  [1]
+START_PERTURBATION, MAX_MISSED = 1e-5, 0.2  # of the start, in sizes of the states; of what it does over a period  [1]
 NEUTRAL = 1e-9  # singular value of I - M below which a state keeps its start: a slider that does not slide
 
 
@@ -84,7 +84,7 @@ def state_path(
     value, rates, by_position, by_rate, force_by_state = np.zeros((5, count, m))
     path = StatePath(value, rates, by_position, by_rate, np.zeros((count, count, m)), force_by_state)
     start = np.zeros(count)
-    for period in range(MAX_PERIODS):
+    for period in range(MAX_MARCHED_PERIODS):
         end = _marched(law, parameters, times, position, rate, step, start, size, path.value)
         if (np.abs(end - start) <= REPEATED * size).all():
             break
@@ -95,7 +95,7 @@ def state_path(
         once = _once(path.by_state, step)
         start = start + np.linalg.pinv(np.eye(count) - once, rcond=NEUTRAL) @ (end - start)
     _linearised(law, parameters, times, position, rate, steps, size, *path)
-    moved, beside = PERTURBATION * size, np.empty((count, m))
+    moved, beside = START_PERTURBATION * size, np.empty((count, m))
     end_beside = _marched(law, parameters, times, position, rate, step, start + moved, size, beside)
     if (np.abs(end_beside - end - _once(path.by_state, step) @ moved) > MAX_MISSED * moved.max()).any():
         path.value[:] = np.nan

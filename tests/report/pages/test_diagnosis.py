@@ -242,8 +242,8 @@ def test_the_order_of_correlated_noise_is_said(study):
 
 def test_how_the_rate_of_each_clock_enters_is_said():
     tone = Excitation("end", "displacement", frequency=26.0, amplitude=1e-3)
-    references = {"tone": SimpleNamespace(excitation=tone)}
-    references["decay"] = SimpleNamespace(excitation=Excitation("mass", "free decay"))
+    references = {"tone": SimpleNamespace(excitation=tone, is_swept=False)}
+    references["decay"] = SimpleNamespace(excitation=Excitation("mass", "free decay"), is_swept=False)
     assert clocks(references) == (
         "Rate of the recorder's clock: it is a nuisance, solved for against the steady tone (tone); it is taken as "
         "uncertain by up to 50 ppm (rectangular distribution), which the standard errors include unless what the model "
@@ -669,7 +669,7 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
     point = SimpleNamespace(simulated={"clapping": SimulatedRows(record.calibrated.values, shape[0])})
     selection = SimpleNamespace(null=SimpleNamespace(point=point), causes=())
     found = Diagnosis("not_diagnosable", "", (), evidence=Evidence((part,)))
-    reference = SimpleNamespace(record={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")})
+    reference = SimpleNamespace(compared={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")})
     assert artifacts.read(tmp_path) is None
     assert artifacts.write(found, tmp_path, VALUES, {}) == artifacts.read(tmp_path)
     assert artifacts.read(tmp_path).values == VALUES
