@@ -28,6 +28,8 @@ class Blocks:
                 )
         _check_channels(feature, compared.record, label)
         try:
+            if hasattr(feature, "prepared"):
+                feature = feature.prepared(compared.record, term.bodies)
             reference = feature(compared.record, term.bodies)
         except CalibError as error:
             raise CalibError(f"{label}: {error}") from error
@@ -47,6 +49,7 @@ class Blocks:
         sizes = self.mask.sum(axis=2)
         self.layout = [(b, c, int(n)) for (b, c), n in zip(self._names, sizes.ravel(), strict=True) if n]
         self.number = len(self.layout)
+        self._feature = feature
         self._factor = self._factors(feature, reference, compared.record, sizes)
         self._wraps = getattr(feature, "wraps", None)
         self._bare = getattr(feature, "values", None)
@@ -82,9 +85,9 @@ class Blocks:
     def residual(self, sensed: SensedRecord, active: np.ndarray) -> np.ndarray:
         """Differences over scale and root of their number, in the order of the layout; what does not count is 0."""
         record = sensed.raw if self._raw else sensed.record
-        feature, bodies = self.term.feature, self.term.bodies
+        bodies = self.term.bodies
         try:
-            simulated = _cubed(feature(record, bodies)) if self._bare is None else self._bare(record, bodies)
+            simulated = _cubed(self._feature(record, bodies)) if self._bare is None else self._bare(record, bodies)
         except CalibError as error:
             raise CalibError(f"term {self.term.label!r}, simulated record {self.record!r}: {error}") from error
         simulated = simulated.reshape(*simulated.shape[:2], -1)

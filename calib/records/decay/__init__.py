@@ -1,0 +1,20 @@
+"""A record of a free decay: frequency and damping of its dominant mode over its amplitude."""
+
+from calib.records.decay.crossings import crossing_curves
+from calib.records.decay.curves import amplitude_curves, analytic_curves, over_amplitude
+from calib.records.decay.of_record import FREE_DECAY, decay_channel, is_free_decay, smoothed_record
+from calib.records.decay.smoother import DecayFrame, SmoothedDecay, smoothed_decay
+
+__all__ = [
+    "FREE_DECAY",
+    "DecayFrame",
+    "SmoothedDecay",
+    "amplitude_curves",
+    "analytic_curves",
+    "crossing_curves",
+    "decay_channel",
+    "is_free_decay",
+    "over_amplitude",
+    "smoothed_decay",
+    "smoothed_record",
+]

@@ -1,0 +1,192 @@
+"""Frequency and damping over amplitude, of decays that are known in closed form."""
+
+import numpy as np
+import pytest
+from decays import bouncing, integrated, linear, noisy, record, rubbing
+
+from calib.errors import CalibError
+from calib.records.decay import amplitude_curves, analytic_curves, crossing_curves, smoothed_decay, smoothed_record
+
+TIME = np.arange(0.0, 40.0, 0.021)  # s: 31.7 samples a period of 1.5 Hz
+OMEGA = 2.0 * np.pi * 1.5  # rad/s
+
+
+def within(curves, name, expected, sigmas=4.0, share=0.0):
+    """Whether a curve is `expected` (amplitude ->) within so many standard uncertainties, or a share of itself."""
+    wanted = expected(curves.amplitude.values)
+    off = np.abs(curves[name].values - wanted)
+    return (off <= np.maximum(sigmas * curves[f"{name}_sigma"].values, share * np.abs(wanted))).all()
+
+
+def clock(rng, count, rate):
+    """Instants (count,) of a clock that jitters, or of a steady one."""
+    steps = rng.uniform(0.6, 1.4, count) if rng.random() < 0.5 else np.ones(count)
+    return rng.uniform(-5.0, 5.0) + np.cumsum(steps) / rate
+
+
+def test_the_stated_uncertainties_of_a_viscous_decay_cover_the_truth():
+    rng, off = np.random.default_rng(5), []
+    for seed in range(30):
+        frequency, damping, per_period = rng.uniform(0.3, 30.0), 10.0 ** rng.uniform(-2.8, -1.4), rng.uniform(7.0, 40.0)
+        time = clock(rng, int(rng.uniform(20.0, 80.0) * per_period), frequency * per_period)
+        values = rng.uniform(-3.0, 3.0) + linear(time - time[0], frequency, damping, rng.uniform(0.0, 6.0))
+        curves = amplitude_curves(smoothed_decay(time, noisy(values, 10.0 ** rng.uniform(-3.0, -1.6), seed)))
+        off.append(
+            [
+                (curves.frequency.values - frequency) / curves.frequency_sigma.values,
+                (curves.damping_ratio.values - damping) / curves.damping_ratio_sigma.values,
+            ]
+        )
+    for z in np.moveaxis(off, 1, 0):
+        assert 0.5 < np.sqrt(np.mean(z**2)) < 1.25
+        assert np.mean(np.abs(z) < 2.0) > 0.9
+        assert np.abs(z).max() < 5.0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_dry_friction_damps_in_inverse_proportion_to_the_amplitude(noise):
+    curves = amplitude_curves(smoothed_decay(TIME, noisy(rubbing(TIME, 1.5, 0.004), noise, 1)))
+    assert within(curves, "damping_ratio", lambda a: 2.0 * 0.004 / (np.pi * a), share=0.06)
+    large = curves.sel(point=curves.amplitude.values > 0.2)
+    assert within(large, "frequency", lambda a: 1.5 + 0.0 * a, share=5e-4)
+
+
+def test_a_motion_that_friction_has_stopped_is_left_out():
+    time = np.arange(0.0, 60.0, 0.021)
+    decay = smoothed_decay(time, noisy(rubbing(time, 1.5, 0.01), 0.002, 2))
+    assert decay.cut == pytest.approx(0.5 / 1.5 * 50.0, rel=0.1)  # it stops after 50 half waves
+    curves = amplitude_curves(decay)
+    middle = curves.sel(point=curves.amplitude.values > 0.1)
+    assert within(middle, "damping_ratio", lambda a: 2.0 * 0.01 / (np.pi * a), share=0.05)
+
+
+def test_quadratic_drag_damps_in_proportion_to_the_amplitude():
+    drag = 0.05
+    values = noisy(integrated(TIME, lambda x, v: -(OMEGA**2) * x - drag * v * abs(v)), 0.01, 3)
+    curves = amplitude_curves(smoothed_decay(TIME, values))
+    assert within(curves, "damping_ratio", lambda a: 4.0 * drag * a / (3.0 * np.pi), share=0.05)
+    assert within(curves, "frequency", lambda a: 1.5 + 0.0 * a)
+
+
+@pytest.mark.parametrize("k3", [0.3, -0.2])
+def test_a_cubic_spring_bends_the_backbone(k3):
+    values = integrated(TIME, lambda x, v: -(OMEGA**2) * (x + k3 * x**3) - 0.02 * OMEGA * v)
+    curves = amplitude_curves(smoothed_decay(TIME, noisy(values, 0.01, 4)))
+
+    def backbone(a):  # of two harmonics, over the amplitude of the first
+        return 1.5 * np.sqrt(1.0 + 0.75 * k3 * a**2 + 3.0 / 128.0 * (k3 * a**2) ** 2)
+
+    assert within(curves, "frequency", backbone, share=2e-3)
+    assert abs(curves.frequency.values[0] / 1.5 - 1.0) > 0.05
+
+
+def test_impacts_raise_the_frequency_and_damp_by_the_restitution():
+    values = noisy(bouncing(TIME, 1.5, 0.95), 0.005, 5)
+    curves = amplitude_curves(smoothed_decay(TIME, values))
+    rate = -np.log(0.95) / (2.0 * np.pi)
+    assert within(curves, "frequency", lambda a: 3.0 + 0.0 * a, share=1e-3)
+    assert within(curves, "damping_ratio", lambda a: rate / np.hypot(1.0, rate) + 0.0 * a, share=0.05)
+
+
+def test_the_dominant_one_of_two_modes_is_followed_and_the_other_named():
+    values = linear(TIME, 1.5, 0.01) + 0.3 * linear(TIME, 1.9, 0.008, 1.0)
+    decay = smoothed_decay(TIME, noisy(values, 0.01, 6))
+    curves = amplitude_curves(decay)
+    assert decay.frame.companions == pytest.approx((1.9,), abs=0.02)
+    assert curves.attrs["other_modes"] == f"{decay.frame.companions[0]:.4g}"
+    assert within(curves, "frequency", lambda a: 1.5 + 0.0 * a, share=2e-3)
+    assert within(curves, "damping_ratio", lambda a: 0.01 + 0.0 * a, share=0.05)
+
+
+def test_an_offset_and_outliers_change_nothing():
+    values = noisy(linear(TIME, 1.5, 0.01), 0.01, 7)
+    plain = amplitude_curves(smoothed_decay(TIME, values))
+    spoilt = values + 20.0
+    spoilt[[100, 101, 350, 800]] += 3.0
+    decay = smoothed_decay(TIME, spoilt)
+    assert decay.outliers == pytest.approx(TIME[[100, 101, 350, 800]])
+    curves = amplitude_curves(decay)
+    assert curves.frequency.values == pytest.approx(
+        plain.frequency.values, abs=2.0 * plain.frequency_sigma.max().item()
+    )
+    assert within(curves, "damping_ratio", lambda a: 0.01 + 0.0 * a)
+
+
+def test_the_noise_is_found_and_the_tail_below_it_left_out():
+    time = np.arange(0.0, 100.0, 0.021)
+    decay = smoothed_decay(time, noisy(linear(time, 1.5, 0.01), 0.02, 8))
+    assert decay.noise == pytest.approx(0.02, rel=0.1)
+    floor = 5.0 * 0.02 * np.sqrt(2.0 / (1.0 / (1.5 * 0.021)))
+    assert decay.floor == pytest.approx(floor, rel=0.1)
+    assert decay.cut == pytest.approx(-np.log(floor) / (OMEGA * 0.01), rel=0.1)
+    assert amplitude_curves(decay).attrs["cut"] == decay.cut
+
+
+def test_a_stated_uncertainty_counts_where_it_exceeds_the_residual():
+    values = noisy(linear(TIME, 1.5, 0.01), 0.002, 9)
+    assert smoothed_record(record(TIME, values, sigma=0.01), "mass", "displacement").noise == 0.01
+    assert smoothed_record(record(TIME, values, sigma=1e-4), "mass", "displacement").noise == pytest.approx(
+        0.002, rel=0.1
+    )
+
+
+def test_zero_crossings_and_the_analytic_signal_agree_with_the_smoother():
+    values = integrated(TIME, lambda x, v: -(OMEGA**2) * (x + 0.3 * x**3) - 0.02 * OMEGA * v)
+    decay = smoothed_decay(TIME, noisy(values, 0.002, 10))
+    smooth = amplitude_curves(decay)
+    for curves, share in ((crossing_curves(decay), 0.15), (analytic_curves(decay), 0.15)):
+        large = curves.sel(point=curves.amplitude.values > 0.1)
+        for name, close in (("frequency", 2e-3), ("damping_ratio", share)):
+            there = np.interp(large.amplitude.values, smooth.amplitude.values[::-1], smooth[name].values[::-1])
+            assert np.median(np.abs(large[name].values / there - 1.0)) < close
+
+
+def test_the_uncertainties_of_zero_crossings_cover_a_viscous_decay():
+    time = np.arange(0.0, 80.0, 0.0213)
+    curves = crossing_curves(smoothed_decay(time, noisy(linear(time, 1.5, 0.004), 0.01, 11)))
+    assert curves.sizes["point"] == pytest.approx(240, abs=10)
+    for name, truth in (("frequency", 1.5), ("damping_ratio", 0.004)):
+        z = (curves[name].values - truth) / curves[f"{name}_sigma"].values
+        assert 0.8 < np.sqrt(np.mean(z**2)) < 1.2
+
+
+def test_velocity_has_the_frequency_and_damping_of_displacement():
+    values = linear(TIME, 1.5, 0.01)
+    both = [
+        amplitude_curves(smoothed_record(record(TIME, noisy(own, noise, 12), channel=channel), "mass", channel))
+        for channel, own, noise in (("displacement", values, 1e-3), ("velocity", np.gradient(values, TIME), 1e-2))
+    ]
+    assert both[1].amplitude.values[0] == pytest.approx(OMEGA * both[0].amplitude.values[0], rel=0.05)
+    for curves in both:
+        assert within(curves, "frequency", lambda a: 1.5 + 0.0 * a)
+
+
+@pytest.mark.parametrize(
+    ("values", "time", "match"),
+    [
+        (linear(TIME[:10], 1.5, 0.01), TIME[:10], "at least 16 samples, got 10"),
+        (linear(TIME[:80], 1.5, 0.01), TIME[:80], "need 4 periods .* got 2.5"),
+        (linear(np.arange(200) / 4.0, 1.5, 0.01), np.arange(200) / 4.0, "4 samples a period, got 2.7"),
+        (linear(TIME, 1.5, 0.0), TIME, "expected a motion that decays"),
+        (linear(TIME, 1.5, -0.01), TIME, "expected a motion that decays|need 4 periods"),
+    ],
+    ids=["few samples", "few periods", "slow clock", "undamped", "growing"],
+)
+def test_what_is_no_decay_is_refused(values, time, match):
+    with pytest.raises(CalibError, match=match):
+        amplitude_curves(smoothed_decay(time, values))
+
+
+def test_noise_alone_is_refused():
+    with pytest.raises(CalibError, match="periods with amplitudes above|expected a motion that decays"):
+        amplitude_curves(smoothed_decay(TIME, noisy(0.0 * TIME, 1.0, 13)))
+
+
+def test_a_record_under_excitation_and_a_wrong_name_are_refused():
+    good = record(TIME, linear(TIME, 1.5, 0.01))
+    with pytest.raises(CalibError, match="those of a free decay, got a record of base motion"):
+        smoothed_record(good.assign_attrs(quantity="base motion"), "mass", "displacement")
+    with pytest.raises(CalibError, match="no body 'mess' .did you mean 'mass'"):
+        smoothed_record(good, "mess", "displacement")
+    with pytest.raises(CalibError, match="no channel 'velocity'"):
+        smoothed_record(good, "mass", "velocity")
