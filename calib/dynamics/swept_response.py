@@ -7,6 +7,7 @@ two before it extrapolate to; steps are halved where the motion bends, and where
 point is found by pseudo-arclength continuation. The sweep goes on with what a run settles to from there.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
@@ -14,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import PchipInterpolator
 
 from calib.dynamics.branch import MAPS_KEPT, Branch, Special, follow
 from calib.dynamics.orbits import shoot
@@ -104,7 +106,7 @@ def swept_response(
     directions, jumps, number = list[np.ndarray](), list[str](), 0
     for sweep, points in sweeps(measured):
         direction = float(measured["direction"][points[0]])
-        level = _level(measured["frequency"].values[points], measured["level"].values[points])
+        level = level_over_frequency(measured["frequency"].values[points], measured["level"].values[points])
         stops = _stops(measured["frequency"].values[points], direction)
         path = swept_path(partial(_map, setting, level), stops, series_sweep(setting, level, stops))
         if path.reason:
@@ -128,11 +130,28 @@ def swept_response(
     return record.assign(piece=("point", joined["piece"]))
 
 
-def _level(frequency: np.ndarray, level: np.ndarray) -> Callable[[float], float]:
-    """Amplitude of the excitation at a frequency, linear between those measured."""
-    order = np.argsort(frequency, kind="stable")
-    known, values = frequency[order], level[order]
-    return lambda at: float(np.interp(at, known, values))
+def level_over_frequency(frequency: np.ndarray, level: np.ndarray) -> Callable[[float], float]:
+    """Amplitude of the excitation at a frequency: a smooth curve through those measured, monotone between them.
+
+    It is a curve without corners (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the logarithm, so that
+    the level stays above 0; beyond the ends it goes on with its slope there. Corners would be corners of the response,
+    at which its continuation ends.
+    """
+    known, place = np.unique(frequency, return_inverse=True)
+    values = np.log(np.bincount(place, weights=level) / np.bincount(place))
+    if known.size == 1 or not np.ptp(values):
+        return lambda at: float(level[0])
+    curve = PchipInterpolator(known, values)
+    ends = {at: (float(curve(at)), float(curve(at, 1))) for at in (float(known[0]), float(known[-1]))}
+
+    def at_frequency(at: float) -> float:
+        inside = min(max(at, float(known[0])), float(known[-1]))
+        if inside == at:
+            return math.exp(float(curve(at)))
+        value, slope = ends[inside]
+        return math.exp(value + slope * (at - inside))
+
+    return at_frequency
 
 
 def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from calib.dynamics import swept_response as swept_response_module
 from calib.dynamics import swept_series
 from calib.dynamics.series_curve import modal_system
 from calib.dynamics.setting import Setting
-from calib.dynamics.swept_response import swept_response
+from calib.dynamics.swept_response import level_over_frequency, swept_response
 from calib.dynamics.swept_series import SeriesSweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
@@ -109,3 +109,22 @@ def test_a_sweep_is_that_of_another_integrator_sampled_by_a_clock_of_its_own():
     for frequency, expected in zip(frequencies, amplitudes, strict=True):
         piece = float(frequency > float(found.attrs["jumps"].split()[-2]))
         assert at(found, frequency, piece) == pytest.approx(expected, abs=2e-3 * abs(expected))
+
+
+def test_a_level_measured_point_by_point_is_followed_without_corners():
+    """The force of a test at constant response bends at every frequency where it was set; the sweep is one stretch."""
+    frequency = np.linspace(3.0, 3.4, 21)
+    omega = 2.0 * np.pi * frequency
+    needed = (400.0 - omega**2 + 0.5j * omega) * 1e-3
+    ragged = needed * np.exp(0.02 * np.random.default_rng(1).standard_normal(21))  # what a controller really held
+    level = np.abs(ragged)
+    measured = make_response(frequency, ["mass"], 1e-3 * np.ones((1, 21)), level, "N")
+    simulated = swept_response(Model(Oscillator()), {"mass": 1.0, "stiffness": 400.0, "damping": 0.5}, FORCE, measured)
+    assert set(simulated.piece.values.tolist()) == {0.0}
+    places = [int(np.argmin(np.abs(simulated.frequency.values - at))) for at in frequency]
+    at, own = simulated.frequency.values[places], complex_amplitude(simulated)[0, places]
+    exact = simulated.level.values[places] / (400.0 - (2.0 * np.pi * at) ** 2 + 1j * np.pi * at)
+    np.testing.assert_allclose(own, exact, rtol=1e-6)
+    curve = level_over_frequency(frequency, level)
+    np.testing.assert_allclose([curve(f) for f in frequency], level, rtol=1e-12)
+    assert all(curve(f) > 0.0 for f in (2.5, 2.99, 3.41, 4.0))
