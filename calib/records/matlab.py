@@ -2,6 +2,7 @@
 
 import io
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,22 +16,28 @@ from calib.records.sheet import Cells, Sheet
 
 # what scipy raises on content that it cannot decode
 DAMAGED = (*UNREADABLE, MatReadError, zlib.error)
+MAX_MATRIX_COLUMNS = 1000  # of a matrix, that are columns of a sheet
 
 
 def read_matlab(path: Path, content: bytes) -> Sheet:
-    """Return the vectors of numbers of a MATLAB v5 file by name, those in a cell array by the name of their cell.
+    """Return the vectors of numbers of a MATLAB v5 file by name, as `matlab_arrays` names them.
+
+    The columns of a matrix are "x(:,2)", the parts of complex numbers "real(x)" and "imag(x)".
 
     Raises
     ------
     CalibError : not a readable MATLAB v5 file
     """
     arrays = matlab_arrays(path, content)
-    columns: dict[str | int, Cells] = {name: value.ravel() for name, value in arrays.items() if _is_vector(value)}
+    columns: dict[str | int, Cells] = {key: column for n, v in arrays.items() for key, column in _columns(n, v)}
     return Sheet(path, columns, None, unfit={n: _described(n, v) for n, v in arrays.items() if n not in columns})
 
 
 def matlab_arrays(path: Path, content: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays of a MATLAB v5 file by name, and those in cell arrays by the name of their cell: "x{3,2}".
+    """Return the arrays of a MATLAB v5 file by name; those in cells and structures as MATLAB names them.
+
+    That is "x{3,2}" for a cell, "s.force" for the field of a structure, "s(2).force" for that of the second structure
+    in a row or column of them, and so on within one another.
 
     Raises
     ------
@@ -42,28 +49,68 @@ def matlab_arrays(path: Path, content: bytes) -> dict[str, np.ndarray]:
         raise CalibError(f"{path}: MATLAB 7.3 files are not read; save it with `save -v7`") from error
     except DAMAGED as error:
         raise CalibError(f"{path}: not a readable MATLAB v5 file ({error})") from error
-    arrays = {name: value for name, value in variables.items() if isinstance(value, np.ndarray)}
-    return arrays | {name: cell for key, value in arrays.items() for name, cell in _cells(key, value).items()}
+    named = ((name, value) for name, value in variables.items() if isinstance(value, np.ndarray))
+    return dict(part for name, value in named for part in _within(name, value))
 
 
-def _cells(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays in a cell array by the names that MATLAB gives them, ``"x{3,2}"``; none of another array."""
-    if array.dtype.kind != "O":
-        return {}
-    indices = (",".join(str(i + 1) for i in index) for index in np.ndindex(array.shape))
-    pairs = zip(indices, array.flat, strict=True)
-    return {f"{name}{{{index}}}": cell for index, cell in pairs if isinstance(cell, np.ndarray)}
+def _within(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """An array, and those in its cells or fields, by the names that MATLAB gives them."""
+    yield name, array
+    if array.dtype.names:
+        for index in np.ndindex(array.shape):
+            for field in array.dtype.names:
+                inner = array[field][index]
+                if isinstance(inner, np.ndarray):
+                    yield from _within(f"{name}{_element(index, array.shape)}.{field}", inner)
+    elif array.dtype.kind == "O":
+        for index in np.ndindex(array.shape):
+            if isinstance(array[index], np.ndarray):
+                yield from _within(f"{name}{{{_subscripts(index)}}}", array[index])
 
 
-def _is_vector(array: np.ndarray) -> bool:
-    """Whether an array is a row or a column of numbers."""
-    return array.dtype.kind in "buif" and sorted(array.shape)[:-1] == [1] * (array.ndim - 1) and array.size > 1
+def _subscripts(index: tuple[int, ...]) -> str:
+    return ",".join(str(i + 1) for i in index)
+
+
+def _element(index: tuple[int, ...], shape: tuple[int, ...]) -> str:
+    """Subscript of one structure of several: one number in a row or column."""
+    if np.prod(shape) == 1:
+        return ""
+    return f"({max(index) + 1})" if _in_line(shape) else f"({_subscripts(index)})"
+
+
+def _in_line(shape: tuple[int, ...]) -> bool:
+    """Whether an array is one row or one column."""
+    return sorted(shape)[:-1] == [1] * (len(shape) - 1)
+
+
+def _columns(name: str, array: np.ndarray) -> Iterator[tuple[str, Cells]]:
+    """Columns that an array of numbers is, by name."""
+    if array.dtype.kind not in "buifc" or array.size < 2:
+        return
+    columns = {name: array.ravel()}
+    if not _in_line(array.shape):
+        few = array.ndim == 2 and array.shape[1] <= MAX_MATRIX_COLUMNS
+        columns = {f"{name}(:,{k})": column for k, column in enumerate(array.T, 1)} if few else {}
+    for key, column in columns.items():
+        if array.dtype.kind == "c":
+            yield f"real({key})", column.real
+            yield f"imag({key})", column.imag
+        else:
+            yield key, column
 
 
 def _described(name: str, array: np.ndarray) -> str:
     """Describe an array that is not a column."""
     shape = " x ".join(map(str, array.shape))
+    if array.dtype.names:
+        first = f"{name}{_element((0,) * array.ndim, array.shape)}.{array.dtype.names[0]}"
+        return f"a structure of {shape} with the fields {', '.join(array.dtype.names)}; name one, such as {first!r}"
     if array.dtype.kind == "O":
         return f"a cell array of {shape}; name one of its cells, such as '{name}{{1,1}}'"
     kind = "numbers" if array.dtype.kind in "buif" else "text" if array.dtype.kind in "US" else "no numbers"
-    return f"an array of {shape}, {kind}; a column is one row or one column of numbers"
+    if array.dtype.kind == "c":
+        return f"an array of {shape}, complex numbers; name one of its parts, such as 'real({name})'"
+    matrix = kind == "numbers" and array.ndim == 2 and min(array.shape) > 1
+    remedy = f", such as '{name}(:,1)'" if matrix else ""
+    return f"an array of {shape}, {kind}; a column is one row or one column of numbers{remedy}"

@@ -1,7 +1,7 @@
-"""Frequency responses from delimited text, whose header says what each column is, and in which unit."""
+"""Frequency responses from tables: text whose header says what each column is, or any with columns that are stated."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,37 +9,38 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
+from calib.execution.files import checksum
 from calib.records.delimited import TextLayout, read_text
-from calib.records.response import check_response, level_factor, make_response, numbered
+from calib.records.response import sweeps
+from calib.records.response_columns import (
+    AMPLITUDE,
+    IN_PHASE,
+    PHASE,
+    QUADRATURE,
+    ResponseColumns,
+    StatedLevel,
+    UnitColumn,
+    response_of,
+)
 from calib.records.sheet import Sheet
-from calib.units import to_si
+from calib.records.sheet_file import elements, read_sheet
 
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv")
 HEADING = re.compile(r"^\s*(?P<what>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]+)\])?\s*$")
 ATTRIBUTE = re.compile(r"^#\s*(?P<key>place|quantity|source)\s*[:=]\s*(?P<value>.+?)\s*$")
-COMMON = {"frequency": "Hz", "frequency sigma": "Hz", "level": "", "sweep": None, "direction": None}  # and their units
-OF_BODY = {"amplitude": "m", "phase": "rad", "in-phase": "m", "quadrature": "m", "sigma": "m"}
-DIRECTIONS = {"up": 1.0, "1": 1.0, "+1": 1.0, "down": -1.0, "-1": -1.0}
+WITHOUT_UNIT = ("sweep", "direction")
+COMMON = ("frequency", "frequency sigma", "level", *WITHOUT_UNIT)
+PHASE_OF = re.compile(rf"^(?P<what>.* {PHASE}) of (?P<of>\w+)$")  # such as 'mass phase of displacement'
+OF_BODY = (AMPLITUDE, PHASE, IN_PHASE, QUADRATURE, "sigma")
 FORM = (
     "a frequency response has the columns 'frequency [Hz]' and, of each body, 'BODY amplitude [mm]' and "
     "'BODY phase [deg]', or 'BODY in-phase [mm]' and 'BODY quadrature [mm]'; further ones may be 'level [N]', "
-    "'direction' (up or down), 'sweep', 'BODY sigma [mm]' and 'frequency sigma [Hz]'"
+    "'direction' (up or down), 'sweep', 'BODY sigma [mm]' and 'frequency sigma [Hz]'; amplitudes may be of a velocity "
+    "or an acceleration, such as 'BODY amplitude [m/s^2]'"
 )
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """Columns of a file: position and unit of each by its name; those of a body by (body, name)."""
-
-    common: Mapping[str, tuple[int, str]]
-    of_body: Mapping[tuple[str, str], tuple[int, str]]
-
-    @property
-    def bodies(self) -> list[str]:
-        return list(dict.fromkeys(body for body, _ in self.of_body))
-
-
-def read_response(path: str | Path, level: tuple[float, str] | None = None) -> xr.Dataset:
+def read_response(path: str | Path, level: StatedLevel | None = None) -> xr.Dataset:
     """Read a frequency response from delimited text.
 
     The first line that is no comment is the header, such as
@@ -48,13 +49,14 @@ def read_response(path: str | Path, level: tuple[float, str] | None = None) -> x
         # quantity: force
         frequency [Hz], level [N], direction, mass amplitude [mm], mass phase [deg], mass sigma [um]
 
-    The phase is that of the displacement before the excitation, so that a response that lags has a negative one. Rows
-    are in the order measured. A sweep ends where the level or the direction changes; where the level was measured point
-    by point, a column `sweep` numbers them. Without a direction it is that from the first to the last frequency.
+    Amplitudes are of a displacement, a velocity or an acceleration, by their unit; the phase is that of the same motion
+    before the excitation, unless it says so: `mass phase of displacement [deg]`. Rows are in the order measured. Sweeps
+    are as `calib.records.response.numbered` tells them, unless a column `sweep` numbers them; without a direction it is
+    that from the first to the last frequency.
 
     Parameters
     ----------
-    level : amplitude of the excitation and its unit, where the file has no column of it
+    level : amplitude of the excitation, where the file has no column of it
 
     Raises
     ------
@@ -69,25 +71,66 @@ def read_response(path: str | Path, level: tuple[float, str] | None = None) -> x
     size = len(sheet.lines or ())
     if not size:
         raise CalibError(f"{path}: there are no rows below the header; {FORM}")
-    columns = _columns(sheet)
-    frequency = _numbers(sheet, columns.common["frequency"], "Hz", size)
-    bodies = columns.bodies
-    amplitude = np.array([_amplitude(sheet, columns, body, size) for body in bodies])
-    levels, unit = _levels(sheet, columns, level, size)
-    sweep, direction = _sweeps(sheet, columns, frequency, levels)
-    sigmas = [columns.of_body.get((body, "sigma")) for body in bodies]
-    stated = [_numbers(sheet, sigma, "m", size) for sigma in sigmas if sigma is not None]
-    if 0 < len(stated) < len(bodies):
-        lacking = bodies[sigmas.index(None)]
-        raise CalibError(
-            f"{path}: {lacking!r} has no column 'sigma', which another body has; give it to all or to none"
-        )
-    own = columns.common.get("frequency sigma")
-    record = make_response(
-        frequency, bodies, amplitude, levels, unit, sweep, direction, sigma=np.array(stated) if stated else None,
-        frequency_sigma=None if own is None else _numbers(sheet, own, "Hz", size), **_attributes(content, path),
-    )  # fmt: skip
-    return check_response(record, str(path))
+    return response_of(sheet, _columns(sheet, level), slice(0, size), **_attributes(content, path))
+
+
+@dataclass(frozen=True)
+class ResponseTable:
+    """A table file and the columns that are a frequency response.
+
+    Attributes
+    ----------
+    path : as that of `calib.records.table.Table`
+    columns : in whose names `*` stands for the number of an element of a cell or structure array
+    elements : the numbers that it stands for, a sweep or several each; None for all
+    first, last : row counted from 0 that is taken first, and the one before which it ends (None: all), of each element
+    text : layout of delimited text
+    """
+
+    path: Path
+    columns: ResponseColumns
+    elements: Sequence[int] | None = None
+    first: int = 0
+    last: int | None = None
+    text: TextLayout = TextLayout()
+
+
+def read_response_columns(table: ResponseTable) -> xr.Dataset:
+    """Read the frequency response that the columns of a table are.
+
+    Raises
+    ------
+    CalibError : a file that cannot be read, a column or element that it lacks, rows that it does not have, a unit that
+        does not fit, a cell that is no number, or no response; with file and place
+    """
+    sheet = read_sheet(table.path, table.path.read_bytes(), table.text)
+    source = f"{table.path.name}, sha256 {checksum(table.path)}"
+    named = table.columns.named
+    parts = []
+    for number, element in elements(sheet, named, table.elements):
+        sizes = {column: len(element.find(column)) for column in named}
+        if len(set(sizes.values())) > 1:
+            raise CalibError(f"{table.path}: the columns used must have one length, got {sizes}")
+        size = sizes[table.columns.frequency.column]
+        last = size if table.last is None else table.last
+        if not table.first < last <= size:
+            raise CalibError(f"{table.path}: rows {table.first} to {last} were asked for, but the file has {size}")
+        parts.append((number, response_of(element, table.columns, slice(table.first, last), source=source)))
+    if any(len(sweeps(part)) > 1 for _, part in parts) or len(parts) == 1:
+        return _joined([part for _, part in parts])
+    return _joined([part for _, part in parts]).assign(
+        sweep=("point", np.concatenate([np.full(part.sizes["point"], float(number)) for number, part in parts]))
+    )
+
+
+def _joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Responses one after the other, their sweeps numbered on."""
+    numbered, begin = [], 0.0
+    for part in parts:
+        own = part["sweep"].values - part["sweep"].values.min() + begin
+        numbered.append(part.assign(sweep=("point", own)))
+        begin = own.max() + 1.0
+    return numbered[0] if len(parts) == 1 else xr.concat(numbered, "point", combine_attrs="override")
 
 
 def has_frequencies(path: Path) -> bool:
@@ -100,92 +143,44 @@ def has_frequencies(path: Path) -> bool:
     return bool(re.search(r"(^|[,;\t\"])\s*frequency\s*\[", header))
 
 
-def _columns(sheet: Sheet) -> _Columns:
+def _columns(sheet: Sheet, level: StatedLevel | None) -> ResponseColumns:
     names = [name for name in sheet.columns if isinstance(name, str)]
-    common: dict[str, tuple[int, str]] = {}
-    of_body: dict[tuple[str, str], tuple[int, str]] = {}
+    common: dict[str, UnitColumn] = {}
+    of_body: dict[tuple[str, str], UnitColumn] = {}
     for name in names:
         position = next(i for i in sheet.columns if isinstance(i, int) and sheet.columns[i] is sheet.columns[name])
         match = HEADING.match(name)
         what, unit = (match["what"], match["unit"] or "") if match else (name, "")
+        phase = PHASE_OF.match(what)
+        what, motion = (phase["what"], phase["of"]) if phase else (what, "")
         body, _, of = what.rpartition(" ")
         if what in COMMON:
-            known = common[what] = position, unit
-            needs_unit = COMMON[what] is not None
+            common[what] = UnitColumn(position, unit)
         elif body and of in OF_BODY:
-            known = of_body[body, of] = position, unit
-            needs_unit = True
+            of_body[body, of] = UnitColumn(position, unit, of=motion)
         else:
             hint = nearest(what, [*COMMON, *(f"{body} {one}" for one in OF_BODY if body)])
             raise CalibError(f"{sheet.path}: column {name!r} is not known{hint}; {FORM}")
-        if needs_unit and not known[1]:
+        if not unit and what not in WITHOUT_UNIT:
             raise CalibError(f"{sheet.path}: column {name!r} states no unit; write it in brackets, as in '{what} [mm]'")
     if "frequency" not in common or not of_body:
         raise CalibError(f"{sheet.path}: the columns are {names}; {FORM}")
-    return _Columns(common, of_body)
-
-
-def _numbers(sheet: Sheet, column: tuple[int, str], si: str, size: int) -> np.ndarray:
-    position, unit = column
-    try:
-        factor = to_si(f"1 {unit}", si)
-    except CalibError as error:
-        raise CalibError(f"{sheet.path}: column {position}: {error}") from error
-    return factor * sheet.numbers(position, 0, size)
-
-
-def _amplitude(sheet: Sheet, columns: _Columns, body: str, size: int) -> np.ndarray:
-    """Complex amplitude (point,) of a body  [m]."""
-    own = {what: column for (its, what), column in columns.of_body.items() if its == body}
-    for first, second in (("amplitude", "phase"), ("in-phase", "quadrature")):
-        if first in own and second in own:
-            one, other = (_numbers(sheet, own[what], OF_BODY[what], size) for what in (first, second))
-            return one * np.exp(1j * other) if first == "amplitude" else one + 1j * other
-    raise CalibError(f"{sheet.path}: of body {body!r} there are {sorted(own)}; {FORM}")
-
-
-def _levels(sheet: Sheet, columns: _Columns, level: tuple[float, str] | None, size: int) -> tuple[np.ndarray, str]:
-    """Levels (point,) and their SI unit."""
-    if "level" in columns.common:
-        position, unit = columns.common["level"]
-        si, factor = level_factor(unit, f"{sheet.path}: column {position}")
-        return factor * sheet.numbers(position, 0, size), si
-    if level is None:
+    excitation = common.get("level", level)
+    if excitation is None:
         raise CalibError(
             f"{sheet.path}: there is no column 'level [N]', the amplitude of the excitation; add it, or state the "
             "amplitude in [record.excitation]"
         )
-    return np.full(size, level[0]), level[1]
-
-
-def _sweeps(sheet: Sheet, columns: _Columns, frequency: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the sweep (point,) and direction (point,)."""
-    size, stated = frequency.size, None
-    if "direction" in columns.common:
-        cells = sheet.columns[columns.common["direction"][0]]
-        words = [str(cell).strip().lower() for cell in cells]
-        for word, line in zip(words, sheet.lines or (), strict=True):
-            if word not in DIRECTIONS:
-                raise CalibError(f"{sheet.path}, line {line}: expected a direction 'up' or 'down', got {word!r}")
-        stated = np.array([DIRECTIONS[word] for word in words])
-    if "sweep" in columns.common:
-        number = sheet.numbers(columns.common["sweep"][0], 0, size)
-    else:
-        number = numbered(level, stated)
-    if stated is not None:
-        return number, stated
-    direction = np.empty(size)
-    for one in np.unique(number):
-        points = np.flatnonzero(number == one)
-        steps = np.diff(frequency[points])
-        if (steps > 0.0).any() and (steps < 0.0).any():
-            line = (sheet.lines or range(1, size + 1))[points[0]]
-            raise CalibError(
-                f"{sheet.path}: the frequencies of the sweep from line {line} on rise and fall; add a column "
-                "'direction' with up or down, or a column 'sweep' that numbers the sweeps"
-            )
-        direction[points] = -1.0 if (steps < 0.0).any() else 1.0
-    return number, direction
+    sweep, direction = (common[what].column if what in common else None for what in WITHOUT_UNIT)
+    return ResponseColumns(
+        common["frequency"],
+        {(body, what): column for (body, what), column in of_body.items() if what != "sigma"},
+        excitation,
+        common.get("frequency sigma"),
+        {body: column for (body, what), column in of_body.items() if what == "sigma"},
+        sweep,
+        direction,
+    )
 
 
 def _attributes(content: bytes, path: Path) -> dict[str, str]:

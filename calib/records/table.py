@@ -1,9 +1,8 @@
 """A measured table (delimited text, JSON or MATLAB v5) as a record."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +11,12 @@ import xarray as xr
 from calib import records
 from calib.errors import CalibError, nearest
 from calib.execution.files import verified
-from calib.records.delimited import TextLayout, read_text
+from calib.records.delimited import TextLayout
 from calib.records.excitation import UNITS as EXCITATION_UNITS
 from calib.records.excitation import Excitation, Quantity
 from calib.records.filter import low_pass
-from calib.records.matlab import read_matlab
 from calib.records.sheet import Sheet
+from calib.records.sheet_file import read_sheet
 from calib.units import is_si, to_si
 
 
@@ -74,7 +73,8 @@ class Table:
     ----------
     path : a MATLAB v5 file (.mat), a JSON file (.json) that is a list of rows or holds one, or delimited text (comma,
         semicolon, tab or blanks; with or without a header line). A column's name is that of the header or, in a MATLAB
-        file, that of a vector or, in MATLAB's own notation, of a vector in a cell array: ``"x"``, ``"x{3,2}"``
+        file and in MATLAB's own notation, that of a vector, alone, in a cell array or in a structure, or of a column of
+        a matrix: ``"x"``, ``"x{3,2}"``, ``"s(2).x"``, ``"x(:,2)"``
     channels : the columns that are measured channels
     drive : the column that is the excitation, if any
     time, rate : the column that is time, or the sampling rate [Hz]: one of the two
@@ -182,7 +182,7 @@ class _Samples:
 
 def _samples(table: Table, content: bytes) -> _Samples:
     """Return the file's columns, cut to the samples that are asked for and their margin."""
-    sheet = _sheet(table, content)
+    sheet = read_sheet(table.path, content, table.text)
     used = [c.column for c in (*table.channels, table.time, table.drive) if c is not None]
     sizes = {column: len(sheet.find(column)) for column in used}
     if len(set(sizes.values())) > 1:
@@ -192,34 +192,6 @@ def _samples(table: Table, content: bytes) -> _Samples:
     if not table.first < last <= size:
         raise CalibError(f"{table.path}: samples {table.first} to {last} were asked for, but the file has {size}")
     return _Samples(sheet, begin=max(0, table.first - table.margin), last=last, end=min(size, last + table.margin))
-
-
-def _sheet(table: Table, content: bytes) -> Sheet:
-    """Return the file's columns."""
-    binary = {".mat": read_matlab, ".json": _json}.get(table.path.suffix.lower())
-    if binary is None:
-        return read_text(table.path, content, table.text)
-    stated = [f.name for f in fields(TextLayout) if getattr(table.text, f.name) != f.default]
-    if stated:
-        raise CalibError(f"{table.path}: {', '.join(stated)} can be stated of delimited text only; drop it")
-    return binary(table.path, content)
-
-
-def _json(path: Path, content: bytes) -> Sheet:
-    """Columns, by position from 1, of a JSON list of rows, alone or as the only such member of an object."""
-    try:
-        document = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise CalibError(f"{path}: not a readable JSON file ({error})") from error
-    members = list(document.values()) if isinstance(document, dict) else [document]
-    tables = [m for m in members if isinstance(m, list) and m and all(isinstance(row, list) for row in m)]
-    if len(tables) != 1:
-        raise CalibError(f"{path}: expected one list of rows, found {len(tables)}; keep one")
-    rows = tables[0]
-    for i, row in enumerate(rows):
-        if len(row) != len(rows[0]):
-            raise CalibError(f"{path}, sample {i}: expected {len(rows[0])} cells as in sample 0, got {len(row)}")
-    return Sheet(path, dict(enumerate(zip(*rows, strict=True), 1)), None)
 
 
 def _time(table: Table, samples: _Samples) -> np.ndarray:

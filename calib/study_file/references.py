@@ -1,9 +1,7 @@
 """The records of a study file, each with its excitation and with what is computed of it."""
 
 import os
-import warnings
-from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -14,21 +12,19 @@ from calib.execution.files import checksum, verified
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request, Simulator
 from calib.objective import Reference
-from calib.records import is_response, read, rename_bodies, table
-from calib.records.delimited import TextLayout
+from calib.records import is_response, read, rename_bodies
 from calib.records.excitation import Excitation, Quantity, unit_of
 from calib.records.response_table import SUFFIXES as RESPONSE_SUFFIXES
 from calib.records.response_table import has_frequencies, read_response
-from calib.records.sheet import UnknownColumn
 from calib.study import check_solvable
+from calib.study_file.columns import checked_drive, stated_level, stated_record
 from calib.study_file.ignored import check_ignored
 from calib.study_file.mistakes import Mistakes
-from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml, TableTable
+from calib.study_file.schema import ExcitationTable, RecordTable, StudyToml
 from calib.units import to_si
 
 REQUEST_KEYS = ("periods", "samples", "settle", "step_budget")  # keys of [study] that a [[record]] may have for itself
 USUAL_PERIODIC_SAMPLES = 10.0  # samples a period, that most records have at least
-TEXT_KEYS = {field.name for field in fields(TextLayout)}  # keys of [record.table] that delimited text has
 MIN_PERIODIC_SAMPLES = 3.0  # samples a period, of a periodic excitation; Nyquist's limit is 2
 
 
@@ -55,21 +51,15 @@ def _reference(
     shape: StudyToml, index: int, entry: RecordTable, model: Model | None, mistakes: Mistakes
 ) -> Reference | None:
     key = ("record", index)
-    record, excitation, drive = None, None, None
-    if entry.table is not None:
-        with mistakes.at(*key, "excitation"):
-            drive = _drive(entry.excitation)
-        _check_units(entry.table, drive, key, mistakes)
+    record, excitation = None, None
+    drive = None if entry.table is None else checked_drive(entry.table, entry.excitation, key, mistakes)
     readable = not mistakes.within(*key)
     with mistakes.at(*key, "path"):
         file = _file(entry, mistakes.path.parent)
         if entry.table is None:
             record = _read(file, entry.excitation)
         elif readable:
-            try:
-                record, excitation = table.read(_table(entry.table, drive, file))
-            except UnknownColumn as error:
-                mistakes.add((*key, *_place_of(entry.table, error.column)), str(error))
+            record, excitation = stated_record(entry.table, entry.excitation, drive, file, key, mistakes)
     if record is None:
         return None
     with mistakes.at(*key, "excitation"):
@@ -117,12 +107,7 @@ def _read(file: Path, how: ExcitationTable | None) -> xr.Dataset:
     """Read a record, a response with the level that [record.excitation] states where its file has none."""
     if file.suffix.lower() not in RESPONSE_SUFFIXES or not has_frequencies(file):
         return read(file)
-    level = None
-    if how is not None and how.amplitude is not None:
-        unit = unit_of(how.quantity)
-        stated = f"{how.amplitude!r} {how.unit}" if how.unit and not isinstance(how.amplitude, str) else how.amplitude
-        level = to_si(stated, unit), unit
-    return read_response(file, level)
+    return read_response(file, None if how is None else stated_level(how))
 
 
 def _response_excitation(how: ExcitationTable | None, record: xr.Dataset) -> Excitation:
@@ -175,77 +160,6 @@ def _beside(folder: Path) -> Path:
 def digest(entry: RecordTable, folder: Path) -> str:
     """SHA-256 of the file of a record, whose path is relative to `folder`."""
     return checksum(folder / expanded(entry.path, folder))
-
-
-def _check_units(
-    how: TableTable, drive: table.ExcitationColumn | None, key: tuple[str | int, ...], mistakes: Mistakes
-) -> None:
-    """Check the units of the columns of a table, each noted with its own key."""
-    for index, channel in enumerate(_channels(how)):
-        place = (*key, "table", "channels", index)
-        with mistakes.at(*place, "unit"):
-            table.si_factor(channel)
-        if channel.sigma is not None and not mistakes.within(*place):
-            with mistakes.at(*place, "sigma"):
-                to_si(channel.sigma, table.si_unit(channel))
-    uses = Counter(channel.column for channel in how.channels)
-    for column in (column for column, count in uses.items() if count > 1):
-        where = mistakes.place(*key, "table", "channels")
-        warnings.warn(f"{where}: column {column!r} is {uses[column]} channels; check their columns", stacklevel=2)
-    if how.time is not None:
-        with mistakes.at(*key, "table", "time", "unit"):
-            to_si(f"1 {how.time.unit}", "s")
-    if drive is not None:
-        with mistakes.at(*key, "excitation", "unit"):
-            table.si_factor(drive)
-
-
-def _place_of(how: TableTable, column: str | int) -> tuple[str | int, ...]:
-    """Key below [[record]] that names a column first."""
-    for index, channel in enumerate(how.channels):
-        if channel.column == column:
-            return "table", "channels", index, "column"
-    if how.time is not None and how.time.column == column:
-        return "table", "time", "column"
-    return "excitation", "column"
-
-
-def _channels(how: TableTable) -> tuple[table.Channel, ...]:
-    return tuple(table.Channel(**channel.model_dump()) for channel in how.channels)
-
-
-def _table(how: TableTable, drive: table.ExcitationColumn | None, file: Path) -> table.Table:
-    return table.Table(
-        path=file,
-        channels=_channels(how),
-        drive=drive,
-        time=None if how.time is None else table.TimeColumn(**how.time.model_dump()),
-        rate=None if how.rate is None else to_si(how.rate, "Hz"),
-        first=how.first,
-        last=how.last,
-        margin=how.margin,
-        cutoff=None if how.cutoff is None else to_si(how.cutoff, "Hz"),
-        decimate=how.decimate,
-        text=TextLayout(**how.model_dump(include=TEXT_KEYS, exclude_none=True)),
-    )
-
-
-def _drive(how: ExcitationTable | None) -> table.ExcitationColumn | None:
-    """Return the column that is the excitation, if one is."""
-    if how is None or how.column is None:
-        return None
-    if how.place is None or how.unit is None:
-        raise CalibError("an excitation read from a column needs place and unit in [record.excitation]")
-    if how.amplitude is not None or how.phase != 0.0:
-        raise CalibError("an excitation read from a column has its own amplitude and phase; drop these two keys")
-    return table.ExcitationColumn(
-        column=how.column,
-        place=how.place,
-        quantity=_quantity(how),
-        unit=how.unit,
-        scale=how.scale,
-        cutoff=None if how.cutoff is None else to_si(how.cutoff, "Hz"),
-    )
 
 
 def _excitation(how: ExcitationTable | None, record: xr.Dataset) -> Excitation:

@@ -139,13 +139,16 @@ class ChannelTable(TomlTable):
     body: str
     """Body that it belongs to."""
     channel: str
-    """What was measured: "displacement", "velocity", "force", or a name of your own."""
+    """What was measured: "displacement", "velocity", "force", or a name of your own; over frequency "amplitude" and
+    "phase", or "in-phase" and "quadrature"."""
     unit: str
-    """Unit of the numbers in the file."""
+    """Unit of the numbers in the file; of an amplitude, of a displacement, velocity or acceleration, such as "g"."""
     scale: Quantity = 1.0
     """Factor on them, a number or a sensitivity such as "1 m/V"."""
     sigma: Quantity | None = None
-    """Standard uncertainty of a sample, in the unit of the channel or with its own."""
+    """Standard uncertainty of a sample, in the unit of the channel or with its own; over frequency of either part."""
+    of: Literal["displacement", "velocity", "acceleration"] | None = None
+    """Of a phase, the motion that it is the phase of, before the excitation; without it that of the amplitude."""
 
 
 class ClockTable(TomlTable):
@@ -157,15 +160,30 @@ class ClockTable(TomlTable):
     """Unit of the numbers in the file."""
 
 
+class FrequencyTable(ClockTable):
+    """[record.table] frequency: the column that is the frequency of the excitation."""
+
+    sigma: Quantity | None = None
+    """Standard uncertainty of a frequency."""
+
+
 class TableTable(TomlTable):
     """[record.table]: how a table file (delimited text, JSON, MATLAB v5) becomes a record."""
 
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
     """Columns that are measured channels."""
     time: ClockTable | None = None
-    """Column that is time; this or `rate`."""
+    """Column that is time; this, `rate` or `frequency`."""
     rate: Quantity | None = None
-    """Sampling rate; this or `time`."""
+    """Sampling rate; this, `time` or `frequency`."""
+    frequency: FrequencyTable | None = None
+    """Column of frequencies that makes the record a frequency response."""
+    sweep: Column | None = None
+    """Of a response, the column that numbers its sweeps."""
+    direction: Column | None = None
+    """Of a response, the column that says "up" or "down"."""
+    elements: Annotated[list[Count], Field(min_length=1)] | None = None
+    """Of a response, the numbers of cells or structures that `*` in the names of columns stands for; without it all."""
     first: Annotated[int, Field(ge=0)] = 0
     """First row that is taken, counted from 0."""
     last: int | None = None

@@ -297,7 +297,7 @@ def test_cells_of_a_matlab_file_are_columns_by_their_matlab_names(cells):
     ("column", "says"),
     [
         ("run{1,2}", r"cells.mat: there is no single column 'run\{1,2\}' \(did you mean 'runs\{1,2\}'"),
-        ("runs{3,1}", r"column 'runs\{3,1\}'.*the columns are \['runs\{1,1\}', 'runs\{1,2\}', 'runs\{2,1\}'\]"),
+        ("runs{3,1}", r"column 'runs\{3,1\}'.*the columns are \['runs\{1,1\}', 'runs\{1,2\}', 'runs\{2,1\}'"),
         ("runs", r"column 'runs' is a cell array of 2 x 2; name one of its cells, such as 'runs\{1,1\}'"),
         ("runs{2,2}", r"column 'runs\{2,2\}' is an array of 2 x 2, numbers; a column is one row or one column"),
         ("label", "column 'label' is an array of 1, text"),

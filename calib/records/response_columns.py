@@ -1,0 +1,266 @@
+"""The columns of a sheet that are a frequency response, and the response that they make."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError, nearest
+from calib.records.motion_unit import MOTIONS, MotionUnit, motion_quantity, motion_unit
+from calib.records.response import LEVEL_UNITS, check_response, make_response, numbered
+from calib.records.sheet import Sheet
+from calib.units import to_si
+
+AMPLITUDE, PHASE, IN_PHASE, QUADRATURE = "amplitude", "phase", "in-phase", "quadrature"
+PAIRS = ((AMPLITUDE, PHASE), (IN_PHASE, QUADRATURE))  # of columns that are complex amplitudes
+DIRECTIONS = {"up": 1.0, "1": 1.0, "+1": 1.0, "down": -1.0, "-1": -1.0}
+
+
+@dataclass(frozen=True)
+class UnitColumn:
+    """A column of numbers with their unit.
+
+    Attributes
+    ----------
+    column : name or position counted from 1
+    scale : factor on the numbers, which times the unit is what was measured
+    of : of a phase, the motion that it is the phase of; "" where that is the one of the amplitude
+    """
+
+    column: str | int
+    unit: str
+    scale: str | float = 1.0
+    of: str = ""
+
+
+@dataclass(frozen=True)
+class StatedLevel:
+    """Amplitude of the excitation where no column holds it, in SI."""
+
+    amplitude: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class ResponseColumns:
+    """Columns of a frequency response.
+
+    Attributes
+    ----------
+    of_body : by body and what it is: amplitude and phase, or in-phase and quadrature
+    level : amplitude of the excitation
+    frequency_sigma : a column, or a quantity for all points
+    sigma : of either part, by body: a column, or a quantity for all points
+    sweep, direction : the columns that number the sweeps and say up or down
+    """
+
+    frequency: UnitColumn
+    of_body: Mapping[tuple[str, str], UnitColumn]
+    level: UnitColumn | StatedLevel
+    frequency_sigma: UnitColumn | str | float | None = None
+    sigma: Mapping[str, UnitColumn | str | float] = field(default_factory=dict)
+    sweep: str | int | None = None
+    direction: str | int | None = None
+
+    @property
+    def bodies(self) -> list[str]:
+        """Names of the bodies, in the order of their columns."""
+        return list(dict.fromkeys(body for body, _ in self.of_body))
+
+    @property
+    def named(self) -> list[str | int]:
+        """All columns, each once."""
+        known = [self.frequency, *self.of_body.values(), self.level, self.frequency_sigma, *self.sigma.values()]
+        used = [one.column for one in known if isinstance(one, UnitColumn)]
+        return list(dict.fromkeys([*used, *(c for c in (self.sweep, self.direction) if c is not None)]))
+
+
+def response_of(sheet: Sheet, columns: ResponseColumns, rows: slice, **attrs: str) -> xr.Dataset:
+    """Make a frequency response of the columns of a sheet.
+
+    Amplitudes of a velocity V or an acceleration A become those of the displacement, X = V / (i w) and X = -A / w^2, at
+    the frequency of each point; those over the excitation's amplitude are multiplied by it.
+
+    Parameters
+    ----------
+    rows : of the sheet that are taken
+
+    Raises
+    ------
+    CalibError : a column that is missing, a unit that does not fit, a cell that is no number, or no response; with the
+        place in the file
+    """
+    return _Reading(sheet, columns, rows.start, rows.stop).response(attrs)
+
+
+class _Reading:
+    """A sheet whose columns are read."""
+
+    def __init__(self, sheet: Sheet, columns: ResponseColumns, begin: int, end: int) -> None:
+        self.sheet, self.columns, self.begin, self.end = sheet, columns, begin, end
+        self.frequency = self._in(columns.frequency, "Hz")
+        if not (self.frequency > 0.0).all():
+            point = int(np.argmin(self.frequency > 0.0))
+            raise CalibError(
+                f"{sheet.path}, {self._place(point)}: frequency is expected above 0, got {self.frequency[point]:g} Hz"
+            )
+        self.omega = 2.0 * np.pi * self.frequency
+        self.stated, self.excitation, self.level_unit = self._level()
+
+    def response(self, attrs: Mapping[str, str]) -> xr.Dataset:
+        """Response in SI, checked."""
+        bodies = self.columns.bodies
+        amplitude = np.array([self._amplitude(body) for body in bodies])
+        sweep, direction = self._sweeps()
+        own = self.columns.frequency_sigma
+        record = make_response(
+            self.frequency, bodies, amplitude * np.exp(-1j * np.angle(self.excitation)), np.abs(self.excitation),
+            self.level_unit, sweep, direction, sigma=self._sigma(bodies),
+            frequency_sigma=None if own is None else self._frequency_sigma(own), **attrs,
+        )  # fmt: skip
+        return check_response(record, str(self.sheet.path))
+
+    def _numbers(self, column: str | int) -> np.ndarray:
+        return self.sheet.numbers(column, self.begin, self.end)
+
+    def _named(self, column: UnitColumn, error: CalibError) -> CalibError:
+        return CalibError(f"{self.sheet.path}: column {column.column!r}: {error}")
+
+    def _in(self, column: UnitColumn, si: str) -> np.ndarray:
+        try:
+            factor = to_si(f"({column.scale}) * (1 {column.unit})" if column.scale != 1.0 else f"1 {column.unit}", si)
+        except CalibError as error:
+            raise self._named(column, error) from error
+        return factor * self._numbers(column.column)
+
+    def _motion(self, column: UnitColumn, per: tuple[str, ...] = ()) -> MotionUnit:
+        try:
+            return motion_unit(column.unit, column.scale, per)
+        except CalibError as error:
+            raise self._named(column, error) from error
+
+    def _level(self) -> tuple[np.ndarray, np.ndarray, str]:
+        """Level as stated (point,), complex amplitude of the excitation (point,) before which phases are, SI unit."""
+        level = self.columns.level
+        if isinstance(level, StatedLevel):
+            stated = np.full(self.frequency.size, level.amplitude)
+            return stated, stated.astype(complex), level.unit
+        try:
+            stated = self._in(level, "N")
+        except CalibError:
+            try:
+                unit = motion_unit(level.unit, level.scale)
+            except CalibError:
+                raise self._named(
+                    level,
+                    CalibError(
+                        "the level is the amplitude of the excitation: expected a unit of force or displacement, such "
+                        f"as 'N' or 'mm', or of velocity or acceleration of a base, got {level.unit!r}"
+                    ),
+                ) from None
+            stated = self._numbers(level.column)
+            return stated, unit.displacement(stated, self.omega), LEVEL_UNITS[1]
+        return stated, stated.astype(complex), LEVEL_UNITS[0]
+
+    def _scaled(self, column: UnitColumn, values: np.ndarray) -> tuple[np.ndarray, MotionUnit]:
+        """Values in the unit of a column as displacement (point,), and that unit."""
+        unit = self._motion(column, (self.level_unit,))
+        over = self.excitation if unit.level else 1.0
+        return unit.displacement(values, self.omega) * over, unit
+
+    def _amplitude(self, body: str) -> np.ndarray:
+        """Complex amplitude (point,) of the displacement of a body  [m]."""
+        own = {what: column for (its, what), column in self.columns.of_body.items() if its == body}
+        for first, second in PAIRS:
+            if set(own) != {first, second}:
+                continue
+            if first == AMPLITUDE:
+                return self._polar(own[first], own[second])
+            parts = [self._scaled(own[what], self._numbers(own[what].column)) for what in (first, second)]
+            if len({(unit.rates, unit.level) for _, unit in parts}) > 1:
+                raise self._named(
+                    own[second],
+                    CalibError(f"{second} is in {own[second].unit!r}, but {first} in {own[first].unit!r}; mend one"),
+                )
+            return np.asarray(parts[0][0] + 1j * parts[1][0])
+        raise CalibError(
+            f"{self.sheet.path}: of body {body!r} there are the columns {sorted(own)}; expected {AMPLITUDE} and "
+            f"{PHASE}, or {IN_PHASE} and {QUADRATURE}"
+        )
+
+    def _polar(self, amplitude: UnitColumn, phase: UnitColumn) -> np.ndarray:
+        values, unit = self._scaled(amplitude, self._numbers(amplitude.column))
+        turn = np.exp(1j * self._in(phase, "rad"))
+        if not phase.of:
+            return np.asarray(values * turn)
+        if phase.of not in MOTIONS:
+            raise self._named(
+                phase,
+                CalibError(f"of is one of {', '.join(MOTIONS)}, got {phase.of!r}{nearest(phase.of, MOTIONS)}"),
+            )
+        return np.asarray(values * turn * 1j ** (unit.rates - list(MOTIONS).index(phase.of)))
+
+    def _sigma(self, bodies: Sequence[str]) -> np.ndarray | None:
+        """Standard uncertainty (body, point) of either part  [m]; None where none is stated."""
+        stated = self.columns.sigma
+        if not stated:
+            return None
+        lacking = [body for body in bodies if body not in stated]
+        if lacking:
+            raise CalibError(
+                f"{self.sheet.path}: {lacking[0]!r} has no sigma, which another body has; give it to all or to none"
+            )
+        return np.array([self._sigma_of(body, stated[body]) for body in bodies])
+
+    def _sigma_of(self, body: str, sigma: UnitColumn | str | float) -> np.ndarray:
+        if isinstance(sigma, UnitColumn):
+            return np.abs(self._scaled(sigma, self._numbers(sigma.column))[0])
+        first = next(column for (its, _), column in self.columns.of_body.items() if its == body)
+        try:
+            unit = motion_quantity(sigma, (self.level_unit,)) if isinstance(sigma, str) else self._motion(
+                first, (self.level_unit,))._replace(factor=sigma)  # fmt: skip
+        except CalibError as error:
+            raise self._named(first, CalibError(f"sigma: {error}")) from error
+        over = self.excitation if unit.level else 1.0
+        return np.abs(unit.displacement(np.ones(self.frequency.size), self.omega) * over)
+
+    def _frequency_sigma(self, sigma: UnitColumn | str | float) -> np.ndarray:
+        if isinstance(sigma, UnitColumn):
+            return self._in(sigma, "Hz")
+        return np.full(self.frequency.size, to_si(sigma, "Hz"))
+
+    def _sweeps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Number of the sweep (point,) and direction (point,)."""
+        stated = None if self.columns.direction is None else self._directions(self.columns.direction)
+        if self.columns.sweep is not None:
+            number = self._numbers(self.columns.sweep)
+        else:
+            number = numbered(self.frequency, self.stated, stated)
+        if stated is not None:
+            return number, stated
+        direction = np.empty(self.frequency.size)
+        for one in np.unique(number):
+            points = np.flatnonzero(number == one)
+            steps = np.diff(self.frequency[points])
+            if (steps > 0.0).any() and (steps < 0.0).any():
+                raise CalibError(
+                    f"{self.sheet.path}: the frequencies of the sweep from {self._place(int(points[0]))} on rise and "
+                    "fall; state a column 'direction' (up or down), or 'sweep', which numbers the sweeps"
+                )
+            direction[points] = -1.0 if (steps < 0.0).any() else 1.0
+        return number, direction
+
+    def _directions(self, column: str | int) -> np.ndarray:
+        words = [str(cell).strip().lower() for cell in self.sheet.find(column)[self.begin : self.end]]
+        for point, word in enumerate(words):
+            if word not in DIRECTIONS:
+                raise CalibError(
+                    f"{self.sheet.path}, {self._place(point)}: expected a direction 'up' or 'down', got {word!r}"
+                )
+        return np.array([DIRECTIONS[word] for word in words])
+
+    def _place(self, point: int) -> str:
+        """Where a point stands in the file."""
+        lines = self.sheet.lines
+        return f"line {lines[self.begin + point]}" if lines else f"sample {self.begin + point}"
