@@ -669,7 +669,9 @@ def test_what_a_diagnosis_leaves_in_its_folder_can_be_read_again(tmp_path):
     point = SimpleNamespace(simulated={"clapping": SimulatedRows(record.calibrated.values, shape[0])})
     selection = SimpleNamespace(null=SimpleNamespace(point=point), causes=())
     found = Diagnosis("not_diagnosable", "", (), evidence=Evidence((part,)))
-    reference = SimpleNamespace(compared={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")})
+    reference = SimpleNamespace(
+        compared={c: SimpleNamespace(attrs={"units": "m"}) for c in ("displacement", "velocity")}
+    )
     assert artifacts.read(tmp_path) is None
     assert artifacts.write(found, tmp_path, VALUES, {}) == artifacts.read(tmp_path)
     assert artifacts.read(tmp_path).values == VALUES
