@@ -56,7 +56,7 @@ def test_drag_is_named_with_its_size_and_the_gain_on_a_level_held_out(tmp_path):
 
 
 def test_nothing_is_found_where_nothing_is_hidden(tmp_path):
-    _, said = diagnosed(None, 2, tmp_path)
+    _, said = diagnosed(None, 100, tmp_path)
     assert said["verdict"] == "none"
 
 
