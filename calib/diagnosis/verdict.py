@@ -5,8 +5,10 @@ from collections.abc import Sequence
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.gain import RECORDS, Gain
 from calib.diagnosis.gates import Gate
+from calib.diagnosis.noise import RESIDUAL
 from calib.diagnosis.preparation import Prepared
 from calib.diagnosis.selection import Selection
+from calib.diagnosis.suspect import Refitted, Scored
 
 NONE, NAMED, ONE_OF, UNEXPLAINED = "none", "named", "one_of", "unexplained"
 NOT_DIAGNOSABLE = "not_diagnosable"
@@ -97,7 +99,22 @@ def _without_causes(selection: Selection, ready: Prepared) -> tuple[str, str]:
         return UNEXPLAINED, f"the misfit is significant, and no candidate explains it{_closest(selection)}"
     if faults:
         return NAMED, f"{' and '.join(faults)}; apart from that the residual is noise"
+    untestable = _untestable(selection, ready)
+    if untestable:
+        return NOT_DIAGNOSABLE, (
+            f"noise: it is taken as what no candidate explains of the residual, but {joined(untestable)} could not be "
+            "tested, for the simulations do not change smoothly with them; state the uncertainty of the records"
+        )
     return NONE, "the residual is noise; no missing effect is detectable"
+
+
+def _untestable(selection: Selection, ready: Prepared) -> list[str]:
+    """Names of the candidates without a usable derivative, where most are, and noise is judged by what all leave."""
+    sources = {noise.source for part in ready.fitter.evidence.parts for noise in part.compared_noise}
+    suspects = selection.rounds[0].suspects
+    tested = {suspect.name for suspect in suspects if suspect.is_testable or isinstance(suspect, Refitted)}
+    names = dict.fromkeys(s.name for s in suspects if isinstance(s, Scored) and s.name not in tested)
+    return list(names) if RESIDUAL in sources and len(names) > len(tested) else []
 
 
 def _closest(selection: Selection) -> str:

@@ -653,3 +653,23 @@ def test_the_error_of_a_calibrated_value_counts_the_bias_by_what_the_extended_mo
         bias = found.selection.bias_std(final, "stiffness")
         assert shift.after_error == pytest.approx(np.hypot(final.error(["stiffness"])[0], bias))
         assert shift.after_error >= least * final.error(["stiffness"])[0]
+
+
+@pytest.mark.parametrize(("source", "smooth", "verdict"), [
+    ("the residual", 1, "not_diagnosable"),  # the misfit itself would be taken for noise
+    ("the residual", 2, "none"),
+    ("stated in the record", 1, "none"),
+])  # fmt: skip
+def test_noise_is_not_what_candidates_leave_that_could_not_be_tested(source, smooth, verdict):
+    def suspect(name, reason):
+        candidate = SimpleNamespace(name=name)
+        return Scored(candidate, None, np.zeros((0, 0)), None, np.zeros(0), reason)
+
+    names = ["quadratic_drag", "presliding", "softening"]
+    suspects = [suspect(name, "" if k < smooth else "two step sizes differ") for k, name in enumerate(names)]
+    selection = SimpleNamespace(causes=(), is_significant=False, rounds=[SimpleNamespace(suspects=suspects)])
+    part = SimpleNamespace(compared_noise=(SimpleNamespace(source=source),))
+    ready = SimpleNamespace(outliers=0.0, rounding=0.0, fitter=SimpleNamespace(evidence=SimpleNamespace(parts=[part])))
+    told, summary = verdict_of(selection, [], ready)
+    assert told == verdict
+    assert ("presliding and softening could not be tested" in summary) == (verdict == "not_diagnosable")
