@@ -61,7 +61,8 @@ class PreparedReference:
         self.name = reference.name
         self.reference = reference
         self.period = reference.excitation.period
-        self.record = _prepared(reference.record, self.period)
+        stated = {"place": reference.excitation.place, "quantity": reference.excitation.quantity}
+        self.record = _prepared(reference.record, self.period).assign_attrs(stated)
         self.bodies = [str(body) for body in self.record.body.values]
         self.motion = kind_of_motion(self.record)
         self.prescribed = frozenset(prescribed(self.record))

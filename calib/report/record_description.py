@@ -8,8 +8,10 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.records import STATE, channels, fills_periods, is_response, nuisance_sigma, stated_period
 from calib.records.cycles import impact, kind_of_motion, phase_curve
+from calib.records.decay import is_free_decay
 from calib.records.excitation import UNITS
 from calib.records.response import complex_amplitude, sweeps
+from calib.report.decay_description import decay_description
 from calib.units import shown
 
 MAX_INTEGRAL_ERROR = 0.02  # of the velocity's integral, over the rms displacement, noise apart  [1]
@@ -67,6 +69,8 @@ def record_description(record: xr.Dataset) -> Iterator[str]:
             low, high = shown(float(values.min()), unit), shown(float(values.max()), unit)
             yield f"{channel} of {body}: {low} to {high}, {uncertainty}"
     yield from _energies(record)
+    if is_free_decay(record):
+        yield from decay_description(record)
     yield from _nuisances(record)
 
 

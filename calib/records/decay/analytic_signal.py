@@ -98,10 +98,11 @@ def analytic_signal(time: np.ndarray, values: np.ndarray) -> AnalyticSignal:
 
     Source: Feldman, Mechanical Systems and Signal Processing 8 (1994) 119-127 (FREEVIB).
     """
-    if time.size < MIN_DECAY_PERIODS * MIN_DECAY_SAMPLES_PER_PERIOD:
+    least = int(MIN_DECAY_PERIODS * MIN_DECAY_SAMPLES_PER_PERIOD)
+    if time.size < least:
         raise CalibError(
-            f"frequency and damping of a free decay need at least {MIN_DECAY_PERIODS * MIN_DECAY_SAMPLES_PER_PERIOD:.0f} samples, "
-            f"got {time.size}; record longer, or at a higher rate"
+            f"frequency and damping of a free decay need at least {least} samples, got {time.size}; "
+            "record longer, or at a higher rate"
         )
     uniform = np.linspace(time[0], time[-1], time.size)
     even = np.interp(uniform, time, values)

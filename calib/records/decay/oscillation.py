@@ -11,7 +11,8 @@ from scipy.linalg import cho_factor, cho_solve
 TINY = float(np.finfo(float).tiny)  # against division by zero
 MAX_OSCILLATION_STEPS = 40  # of Gauss and Newton
 MAX_OSCILLATION_HALVINGS = 12  # of one step
-PHASE_TOLERANCE_RAD = 1e-9  # largest change of log amplitude or phase at which the search ends  [rad]
+PHASE_TOLERANCE_RAD = 1e-9  # largest change of log amplitude or phase at which a search ends  [rad]
+MAX_TRIAL_STEPS = 8  # of a fit that is only compared with others: one that takes more is far from the best
 MAX_PHASE_STEP_RAD = 1.0  # of log amplitude or phase in one step  [rad]
 SPLINE_RIDGE = 1e-10  # of the normal equations with columns of unit size: holds what no sample sees  [1]
 SQUARE_ROUNDING = 1e-12  # of a sum of squares, by which it may rise in a step  [1]
@@ -197,6 +198,7 @@ def fitted(
     harmonics: Sequence[int],
     companions: Sequence[float],
     used: np.ndarray,
+    steps: int = MAX_OSCILLATION_STEPS,
 ) -> Oscillation:
     """Fit an oscillation to samples by Gauss-Newton steps.
 
@@ -208,10 +210,11 @@ def fitted(
     harmonics : orders of the harmonics that go with it
     companions : frequencies of other modes  [Hz]
     used : (n,) whether a sample is fitted
+    steps : at most
     """
     search, state, size = _OscillationFit(time, values, basis, harmonics, companions, used), start, basis.size
     now = search.view(*state)
-    for _ in range(MAX_OSCILLATION_STEPS):
+    for _ in range(steps):
         step = search.step(now)
         ahead = search.ahead(now, state, step * min(1.0, MAX_PHASE_STEP_RAD / max(np.abs(step).max(), TINY)))
         if ahead is None:

@@ -8,7 +8,13 @@ import numpy as np
 
 from calib.errors import CalibError
 from calib.records.decay.analytic_signal import MIN_DECAY_PERIODS, AnalyticSignal, analytic_signal
-from calib.records.decay.oscillation import Oscillation, SplineBasis, fitted
+from calib.records.decay.oscillation import (
+    MAX_OSCILLATION_STEPS,
+    MAX_TRIAL_STEPS,
+    Oscillation,
+    SplineBasis,
+    fitted,
+)
 from calib.records.decay.residual import in_period_noise, noise_std, other_mode, outlying
 
 MIN_SIGNAL_TO_NOISE = 5.0  # amplitude over its standard error from one period, below which a decay is left out  [1]
@@ -42,19 +48,31 @@ class DecayFrame:
     harmonics: tuple[int, ...]
     companions: tuple[float, ...] = ()
 
-    def smoothed(
-        self, time: np.ndarray, values: np.ndarray, tone: AnalyticSignal | None = None, used: np.ndarray | None = None
-    ) -> Oscillation:
-        """Fit the oscillation to samples (n,) at instants (n,), of which those in the range count.
+    def smoothed(self, time: np.ndarray, values: np.ndarray) -> Oscillation:
+        """Fit the oscillation to samples (n,) at instants (n,), of which those in the range count."""
+        return self.fitted(time, values, analytic_signal(time, values), np.ones(time.size, dtype=bool))
 
-        tone : analytic signal of the samples where it is known
-        used : (n,) whether a sample is fitted; None fits all
-        """
+    def fitted(
+        self,
+        time: np.ndarray,
+        values: np.ndarray,
+        tone: AnalyticSignal,
+        used: np.ndarray,
+        steps: int = MAX_OSCILLATION_STEPS,
+    ) -> Oscillation:
+        """Fit the oscillation to those samples (n,) in the range that are used, whose analytic signal is known."""
         start, end = self.basis.range
         inside = (time >= start) & (time <= end)
-        first = _start(analytic_signal(time, values) if tone is None else tone, self.basis)
-        fit = np.ones(time.size, dtype=bool) if used is None else used
-        return fitted(time[inside], values[inside], self.basis, first, self.harmonics, self.companions, fit[inside])
+        return fitted(
+            time[inside],
+            values[inside],
+            self.basis,
+            _start(tone, self.basis),
+            self.harmonics,
+            self.companions,
+            used[inside],
+            steps,
+        )
 
 
 class WeightedFit(NamedTuple):
@@ -156,9 +174,10 @@ def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = N
         if mode is not None:
             frame = replace(frame, companions=(*frame.companions, mode))
         used = ~np.isin(time, one.time[outliers])
-    last = one.basis.range[1]
+    frame, last = replace(frame, basis=one.basis), one.basis.range[1]
+    one = frame.fitted(time, values, tone, ~np.isin(time, one.time[~one.used]))
     return SmoothedDecay(
-        frame=replace(frame, basis=one.basis),
+        frame=frame,
         oscillation=one,
         alternatives=alternatives,
         outliers=one.time[~one.used],
@@ -243,7 +262,7 @@ def _selected(
     """Fit whose number of splines the record decides, and others with their weights."""
     fits, criteria = list[Oscillation](), list[float]()
     for basis in _bases(tone, end):
-        one = replace(frame, basis=basis).smoothed(time, values, tone, used)
+        one = replace(frame, basis=basis).fitted(time, values, tone, used, MAX_TRIAL_STEPS)
         noise = in_period_noise(one)
         count, free = 2 * noise.size, 2 * basis.size
         if fits and count <= free + 2:

@@ -8,9 +8,11 @@ import xarray as xr
 from calib.objective import CLOCK_RATE, misfit, squares_of
 from calib.records import is_response
 from calib.records.cycles import WITHOUT_KIND
+from calib.records.decay import FREE_DECAY
 from calib.records.excitation import Excitation
 from calib.report.formatting import number, percent, quantity
 from calib.report.pages.picture import Picture, pictured
+from calib.report.plots.decay import decay_curves
 from calib.report.plots.measured_response import response_over_frequency, response_residual
 from calib.report.plots.motion import histories, phase_curves
 from calib.report.plots.records import (
@@ -36,6 +38,10 @@ RESPONSE = (
 RESPONSE_RESIDUAL = (
     "Distance from each measured point to the nearest one of the simulated curve, in standard uncertainties: in "
     "complex amplitude, and in frequency, where a fold of the simulation comes early or late."
+)
+DECAY = (
+    "Frequency and damping ratio over the amplitude of the fundamental: measured, a dot a period by its zero "
+    "crossings, and smoothed with a band of two standard uncertainties on either side; simulated, smoothed alike."
 )
 OVER_PHASE = (
     "Residual, measured minus simulated, over the phase of the excitation: mean of the cycles, with a band of two "
@@ -121,6 +127,8 @@ def record_section(
             pictured(histories(drawn, aligned, without), f"history-{name}", HISTORY + impacts + bound),
         ]
     )
+    if reference.excitation.quantity == FREE_DECAY and not response:
+        figures.append(pictured(decay_curves(drawn, aligned), f"decay-{name}", DECAY + bound))
     residuals: list[Picture | None] = []
     if reference.use == "calibrate" and aligned is not None and simulated is not None:
         residuals = (

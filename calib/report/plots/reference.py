@@ -1,4 +1,4 @@
-"""Figure of a reference record: phase curve, channels over time, energy over the cycle."""
+"""Figure of a reference record: phase curve, channels over time, energy over the cycle, or how it decays."""
 
 from pathlib import Path
 
@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 from calib.execution.files import whole
 from calib.records import STATE, channels, is_response, prescribed, stated_period
 from calib.records.cycles import impact
+from calib.records.decay import is_free_decay
+from calib.report.plots.decay import BodyDecay, body_decays, draw_decay
 from calib.report.plots.measured_response import response_picture
 from calib.report.plots.records import channel_axis, time_axis, two_periods
 from calib.report.plots.style import DPI, MARK, MEASURED, STYLE, TEXT_WIDTH, line, png, thin
@@ -24,7 +26,8 @@ MAX_ELLIPSES = 300  # that show the uncertainty of a phase curve
 def reference_picture(record: xr.Dataset, path: str | Path) -> None:
     """Draw a record to a PNG file: phase curve, channels over time with their bands, and energy over the cycle.
 
-    Bands and ellipses are 2 standard uncertainties on either side.
+    Of a free decay frequency and damping ratio over amplitude are drawn: a dot a period, by its zero crossings, and the
+    smoother. Bands and ellipses are 2 standard uncertainties on either side.
 
     record : channels (body, time) in SI
     """
@@ -34,7 +37,10 @@ def reference_picture(record: xr.Dataset, path: str | Path) -> None:
     bodies, names = [str(b) for b in record.body.values], channels(record)
     cycle = recorded_cycle(record) if "velocity" in names else None
     loops = set(STATE) <= set(names)
-    columns = len(names) + loops + (cycle is not None)
+    decays = (
+        {one.body: one for one in body_decays(record) if isinstance(one, BodyDecay)} if is_free_decay(record) else {}
+    )
+    columns = len(names) + loops + (cycle is not None) + 2 * bool(decays)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(0.55 * TEXT_WIDTH * columns, 2.5 * len(bodies)), dpi=DPI, layout="constrained")
         grid = figure.subplots(len(bodies), columns, squeeze=False)
@@ -45,6 +51,8 @@ def reference_picture(record: xr.Dataset, path: str | Path) -> None:
                 _history(axes, record, body, channel)
             if cycle is not None:
                 _energy(row[-1], cycle, body)
+            if body in decays:
+                draw_decay(row[-2], row[-1], record, decays[body])
             given = [c for b, c in prescribed(record) if b == body]
             row[0].set_title(f"{body} (prescribed by the excitation)" if given else body)
         with whole(Path(path)) as temporary:
