@@ -11,6 +11,7 @@ from scipy.optimize import isotonic_regression, minimize_scalar
 from calib import records
 from calib.digitise.clock import LoopClock, NodeLoop, clock, loop
 from calib.digitise.reading import Reading
+from calib.digitise.response_assembly import assembled_response
 from calib.digitise.spec import FigureToml
 from calib.digitise.uncertainty import propagated
 from calib.errors import CalibError
@@ -67,10 +68,12 @@ def assembled(readings: Sequence[Reading], spec: FigureToml) -> tuple[xr.Dataset
     ------
     CalibError : curves that contradict one another, or that share no common clock
     """
-    given = _by_body(readings)
     findings = Findings()
     for reading in readings:
         findings.notes += [f"{reading.body}, {reading.kind}: {note}" for note in reading.notes]
+    if any(reading.sweep is not None for reading in readings):
+        return assembled_response(readings, spec), findings
+    given = _by_body(readings)
     period, excitation = _excitation(spec)
     loops = {body: kinds["phase curve"] for body, kinds in given.items() if "phase curve" in kinds}
     timeless = [body for body, kinds in given.items() if set(kinds) == {"phase curve"}]

@@ -14,14 +14,30 @@ from calib.digitise.image.picture import SUFFIXES as PICTURES
 from calib.digitise.importers import Imported
 from calib.digitise.importers import read as read_export
 from calib.digitise.order import ordered
-from calib.digitise.spec import PERIOD_UNIT, CurveTable, FigureToml, PanelTable
+from calib.digitise.response_curve import (
+    AMPLITUDE_CURVE,
+    PHASE_CURVE,
+    PrintedSweep,
+    amplitude_sigma,
+    printed_amplitudes,
+    printed_sweep,
+)
+from calib.digitise.spec import PERIOD_UNIT, CurveTable, FigureToml, PanelTable, PrintedExcitation
 from calib.digitise.uncertainty import ASSUMED_SIGMA_SHARE, hats, leaning
 from calib.errors import CalibError, nearest
+from calib.records.motion_unit import MotionUnit
 from calib.study_file.mistakes import Mistakes
 from calib.units import to_si
 
 MAX_NUMBER = 1e100  # in SI: the squares of such numbers still are numbers
-SI_UNITS = {"phase curve": ("m", "m/s"), "displacement over time": ("s", "m"), "velocity over time": ("s", "m/s")}
+SI_UNITS = {
+    "phase curve": ("m", "m/s"), "displacement over time": ("s", "m"), "velocity over time": ("s", "m/s"),
+    AMPLITUDE_CURVE: ("Hz", "m"), PHASE_CURVE: ("Hz", "rad"),
+}  # fmt: skip
+EXAMPLES = {
+    "phase curve": '["mm", "m/s"]', "displacement over time": '["ms", "mm"]', "velocity over time": '["ms", "m/s"]',
+    AMPLITUDE_CURVE: '["Hz", "mm"]', PHASE_CURVE: '["Hz", "deg"]',
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +46,14 @@ class Reading:
 
     Attributes
     ----------
-    body, kind : what it shows; "phase curve", "displacement over time" or "velocity over time"
-    points : (n, 2) along the curve; displacement [m] and velocity [m/s], or time [s] and one of them
+    body, kind : what it shows, one of `SI_UNITS`
+    points : (n, 2) along the curve; displacement [m] and velocity [m/s], or time [s] and one of them, or frequency [Hz]
+        and amplitude or phase [rad]
     sigma : (n, 2) standard uncertainty of each point, independent from point to point
     modes : (k, n, 2) what independent errors do that reach over many points, one standard deviation large
     axes : how many of the modes, the first ones, are errors of the axes
     notes : for its user
+    sweep : over frequency, what it is the response to
     """
 
     body: str
@@ -45,6 +63,7 @@ class Reading:
     modes: np.ndarray
     axes: int
     notes: tuple[str, ...]
+    sweep: PrintedSweep | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +132,7 @@ def read_figure(path: Path, spec: FigureToml, mistakes: Mistakes, bodies: Sequen
     readings = []
     for index, entry in wanted:
         with mistakes.at("curve", index):
-            readings.append(_off_export(export, entry, period))
+            readings.append(_off_export(export, entry, period, spec.excitation))
     mistakes.tell()
     return Figure(readings, (), None, export.form)
 
@@ -134,30 +153,34 @@ def _period(spec: FigureToml, mistakes: Mistakes) -> float | None:
 # --- exports
 
 
-def _off_export(export: Imported, entry: CurveTable, period: float | None) -> Reading:
+def _off_export(
+    export: Imported, entry: CurveTable, period: float | None, excitation: PrintedExcitation | None
+) -> Reading:
     for key in ("panel", "colour", "dashed"):
         if getattr(entry, key) is not None:
             raise CalibError(f"{key} belongs to a curve in a picture; drop it, for {export.path.name} holds numbers")
     if entry.units is None:
-        raise CalibError(f"units are missing: those of the two numbers of a point, such as {_example(entry)}")
+        raise CalibError(f"units are missing: those of the two numbers of a point, such as {EXAMPLES[entry.kind]}")
     curve = export.curve(entry.name) if entry.columns is None else export.pair(*entry.columns)
-    return _in_si(curve, entry, entry.units, period)
+    return _in_si(curve, entry, entry.units, period, excitation)
 
 
-def _example(entry: CurveTable) -> str:
-    return {"phase curve": '["mm", "m/s"]', "displacement over time": '["ms", "mm"]'}.get(entry.kind, '["ms", "m/s"]')
-
-
-def _in_si(curve: Curve, entry: CurveTable, units: Sequence[str], period: float | None) -> Reading:
+def _in_si(
+    curve: Curve, entry: CurveTable, units: Sequence[str], period: float | None, excitation: PrintedExcitation | None
+) -> Reading:
     """Return a curve in SI, its points in order."""
-    factors = np.array([_factor(u, si, period) for u, si in zip(units, SI_UNITS[entry.kind], strict=True)])
-    points, notes = curve.points * factors, list(curve.notes)
+    points, slopes, sweep, own = _scaled(curve, entry, units, period, excitation)
+    notes = list(curve.notes)
     closed = entry.kind == "phase curve"
-    sigma = None if curve.sigma is None else curve.sigma * factors
+    sigma = None if curve.sigma is None else curve.sigma * slopes
     if entry.sigma is not None:
-        each = zip(entry.sigma, units, factors, SI_UNITS[entry.kind], strict=True)
-        stated = [_sigma(sigma, unit, factor, si) for sigma, unit, factor, si in each]
-        sigma = np.tile(stated, (len(points), 1))
+        each = zip(entry.sigma, units, slopes.T, SI_UNITS[entry.kind], strict=True)
+        if own is not None and sweep is not None:  # the second one is that of an amplitude
+            stated = [to_si(entry.sigma[0], "Hz") * np.ones(len(points))]
+            stated.append(amplitude_sigma(points[:, 0], entry.sigma[1], own, sweep))
+        else:
+            stated = [np.ones(len(points)) * _sigma(sigma, unit, factor[0], si) for sigma, unit, factor, si in each]
+        sigma = np.column_stack(stated)
     if sigma is None:
         sigma = np.tile(ASSUMED_SIGMA_SHARE * np.ptp(points, axis=0), (len(points), 1))
         notes.append(
@@ -166,14 +189,29 @@ def _in_si(curve: Curve, entry: CurveTable, units: Sequence[str], period: float 
     sigma = np.maximum(sigma, 1e-9 * np.ptp(points, axis=0))
     if not (np.abs(points).max() < MAX_NUMBER and sigma.max() < MAX_NUMBER):
         raise CalibError(f"its numbers exceed {MAX_NUMBER:g} in SI; check its units and axes")
-    known = [m * factors for m in (curve.modes, curve.lean) if len(m)]
+    known = [m * slopes for m in (curve.modes, curve.lean) if len(m)]
     modes = np.concatenate([np.empty((0, len(points), 2)), *known])
     if not len(curve.lean):  # a trace is in order; points that were clicked or exported need not be
         order, of_order = ordered(points, closed)
         points, sigma, modes = points[order], sigma[order], modes[:, order]
         notes += of_order
         modes = np.concatenate([modes, leaning(sigma, closed)])
-    return Reading(entry.body, entry.kind, points, sigma, modes, len(curve.modes), tuple(notes))
+    return Reading(entry.body, entry.kind, points, sigma, modes, len(curve.modes), tuple(notes), sweep)
+
+
+def _scaled(
+    curve: Curve, entry: CurveTable, units: Sequence[str], period: float | None, excitation: PrintedExcitation | None
+) -> tuple[np.ndarray, np.ndarray, PrintedSweep | None, MotionUnit | None]:
+    """Points (n, 2) in SI, what one unit of either axis is there (n, 2), and of a response the sweep and its unit."""
+    sweep = printed_sweep(entry, excitation)
+    if sweep is None or entry.kind != AMPLITUDE_CURVE:
+        factors = np.array([_factor(u, si, period) for u, si in zip(units, SI_UNITS[entry.kind], strict=True)])
+        return curve.points * factors, np.tile(factors, (len(curve.points), 1)), sweep, None
+    factor = to_si(f"1 {units[0]}", "Hz")
+    found = printed_amplitudes(factor * curve.points[:, 0], curve.points[:, 1], units[1], sweep)
+    points = np.column_stack([factor * curve.points[:, 0], found.values])
+    slopes = np.column_stack([np.full(len(points), factor), found.slope])
+    return points, slopes, sweep._replace(rates=found.unit.rates), found.unit
 
 
 def _factor(unit: str, si: str, period: float | None) -> float:
@@ -219,7 +257,7 @@ def _off_picture(
             trace = traced(light, own.inside, _wanted(entry, colour, own.calibration))
             curve = _curve(entry, trace, own.calibration)
             table = own.table
-            readings.append(_in_si(curve, entry, (table.x.unit, table.y.unit), period))
+            readings.append(_in_si(curve, entry, (table.x.unit, table.y.unit), period, spec.excitation))
             pixels = np.array([point.pixel for point in table.points])
             numbers = [(point.x, point.y) for point in table.points]
             shown.append(PicturedCurve(entry.body, entry.kind, trace, own.calibration, pixels, numbers))

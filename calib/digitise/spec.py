@@ -10,7 +10,9 @@ from calib.errors import CalibError
 from calib.study_file.mistakes import Mistakes, read_toml
 from calib.study_file.schema import Quantity, TomlTable
 
-Kind = Literal["phase curve", "displacement over time", "velocity over time"]
+Kind = Literal[
+    "phase curve", "displacement over time", "velocity over time", "amplitude over frequency", "phase over frequency"
+]
 PERIOD_UNIT = "period"  # a unit of time axes: the period of the excitation
 MIN_RECORD_SAMPLES = 16  # of a digitised record, per period
 
@@ -46,7 +48,7 @@ class AxisTable(TomlTable):
     """[[panel]] x and y: an axis; the limits are those within which curves are looked for."""
 
     unit: str
-    """Unit of its numbers; of a time axis also "period", that of the excitation."""
+    """Unit of its numbers; of a time axis also "period", that of the excitation; of amplitudes also "dB re 1 um"."""
     low: Number
     """Lower limit, just inside the frame."""
     high: Number
@@ -103,6 +105,12 @@ class CurveTable(TomlTable):
     """Whether the line is dashed, where that distinguishes two of one colour."""
     through: list[Pair] = []
     """Points that this curve alone passes through, in the units of the axes."""
+    level: Quantity | None = None
+    """Over frequency, the amplitude of the excitation; without it that of [excitation]."""
+    direction: Literal["up", "down"] = "up"
+    """Over frequency, the direction of the sweep."""
+    of: Literal["displacement", "velocity", "acceleration"] | None = None
+    """Of a phase over frequency, the motion that it is the phase of; without it that of the amplitude."""
 
 
 class PrintedExcitation(TomlTable):
@@ -115,7 +123,7 @@ class PrintedExcitation(TomlTable):
     frequency: Quantity | None = None
     """Its frequency."""
     amplitude: Quantity | None = None
-    """Its amplitude."""
+    """Its amplitude, of curves over frequency that state no level."""
 
 
 class FigureToml(TomlTable):

@@ -8,6 +8,7 @@ import xarray as xr
 
 from calib.objective.terms import Reference, Term
 from calib.records import channels, prescribed
+from calib.records.response import AMPLITUDE_CHANNELS, has_phase
 
 MISFIT = (
     "rms of measured minus simulated over the standard deviation of the measured channel, rms over channels and "
@@ -72,10 +73,11 @@ def compared_rows(reference: Reference, terms: Sequence[Term]) -> Rows:
     names = [str(body) for body in reference.record.body.values]
     bodies = {body for term in own for body in term.bodies or names}
     given = prescribed(reference.record)
+    phased = not reference.is_swept or has_phase(reference.record)
     return [
         (body, channel)
         for body in names
-        for channel in channels(reference.record)
+        for channel in (channels(reference.record) if phased else AMPLITUDE_CHANNELS)
         if body in bodies and (body, channel) not in given
     ]
 

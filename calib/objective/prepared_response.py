@@ -13,7 +13,7 @@ from calib.objective.scalar_features import FeatureValue, Scalar, compared
 from calib.objective.terms import Reference, Term
 from calib.records import OK
 from calib.records.cycles import SWEPT, MotionKind
-from calib.records.response import PARTS, complex_amplitude, sweeps, tolerances
+from calib.records.response import PARTS, complex_amplitude, has_phase, sweeps, tolerances
 
 SAMPLES_PER_INTERVAL = 16  # of the curve between two of its points, where the nearest one is sought
 MAX_FOOT_STEPS = 6  # of Newton's method to the nearest point of the curve
@@ -53,7 +53,7 @@ class PreparedResponse:
         The distance is that of frequency and of the real and imaginary parts of all compared bodies, each in its
         standard uncertainty (`calib.records.response.tolerances`): orthogonal distance regression.
         """
-        simulated = simulated.sel(body=self.bodies)
+        simulated = self._read(simulated)
         size = self.record.sizes["point"]
         frequency, amplitude = np.empty(size), np.empty((len(self.bodies), size), dtype=complex)
         for point, foot in self._feet(simulated):
@@ -76,10 +76,18 @@ class PreparedResponse:
         """
         parts = self.reference.compared
         rows, own = self._rows, np.array([parts[part].values for part in PARTS])
-        for point, foot in self._feet(simulated.sel(body=self.bodies)):
+        for point, foot in self._feet(self._read(simulated)):
             own[:, rows, point] -= _turned(foot.apart, foot.tangent)[1:].reshape(len(PARTS), len(rows))
         values = {part: (("body", "point"), values) for part, values in zip(PARTS, own, strict=True)}
         return parts.assign({**values, "trust": ("point", np.ones(own.shape[-1]))})
+
+    def _read(self, simulated: xr.Dataset) -> xr.Dataset:
+        """Bodies of a simulated response that were measured, without phases where none were."""
+        simulated = simulated.sel(body=self.bodies)
+        if has_phase(self.record):
+            return simulated
+        size, dims = np.abs(complex_amplitude(simulated)), simulated["in_phase"].dims
+        return simulated.assign(in_phase=(dims, size), quadrature=(dims, np.zeros_like(size)))
 
     @property
     def _rows(self) -> list[int]:

@@ -19,7 +19,9 @@ from calib.errors import CalibError
 from calib.units import to_si
 
 KIND = "frequency response"  # attribute `kind` of such a record
+UNKNOWN_PHASE = "unknown"  # attribute `phases` of one of amplitudes alone: they stand in its in_phase part
 PARTS = ("in_phase", "quadrature")
+AMPLITUDE_CHANNELS = PARTS[:1]  # that hold the amplitude where the phase is not known
 LEVEL_UNITS = ("N", "m")  # of the quantities by which bodies are excited
 DIMS: Mapping[str, tuple[str, ...]] = {
     "frequency": ("point",), "level": ("point",), "sweep": ("point",), "direction": ("point",),
@@ -157,6 +159,11 @@ def _check_finite(record: xr.Dataset, variable: str, name: str) -> None:
     if not finite.all():
         point = int(np.argwhere(~finite)[0][-1])
         raise CalibError(f"{name}: {variable} is not a number at point {point}; cut or repair that point")
+
+
+def has_phase(record: xr.Dataset) -> bool:
+    """Whether the phases of a response are known, or its amplitudes alone."""
+    return record.attrs.get("phases") != UNKNOWN_PHASE
 
 
 def sweeps(record: xr.Dataset) -> list[tuple[float, np.ndarray]]:

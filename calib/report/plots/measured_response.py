@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from calib.execution.files import whole
-from calib.records.response import complex_amplitude, sweeps, tolerances
+from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
 from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, png, shown_unit
 
 SWEEPS = mpl.colormaps["viridis"]  # colours of the sweeps, by rising level
@@ -131,7 +131,8 @@ def _points(
         }  # fmt: skip
         half = None if sigma is None else BAR_SIGMAS * scale * sigma[points]
         upper.errorbar(frequency[points], scale * np.abs(own[points]), half, elinewidth=0.6, **look)
-        lower.plot(frequency[points], _phase(own[points]), **look)
+        if has_phase(measured):
+            lower.plot(frequency[points], _phase(own[points]), **look)
     return scale, unit
 
 
