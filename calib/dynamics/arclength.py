@@ -107,9 +107,12 @@ class OneWay(NamedTuple, Generic[P]):
     lost: bool
 
 
-def run(curve: SolutionCurve[P], start: P, most: int) -> OneWay[P]:
-    """Follow the curve from `start` along its tangent for at most `most` points, special points aside."""
-    points, marks, step = [start], list[tuple[int, Mark[P]]](), FIRST_ARCLENGTH_STEP
+def run(curve: SolutionCurve[P], start: P, most: int, longest: float = MAX_ARCLENGTH_STEP) -> OneWay[P]:
+    """Follow the curve from `start` along its tangent for at most `most` points, special points aside.
+
+    longest : step along the curve, in scaled coordinates z
+    """
+    points, marks, step = [start], list[tuple[int, Mark[P]]](), min(FIRST_ARCLENGTH_STEP, longest)
     while len(points) <= most:
         base = points[-1]
         if any(abs(z - float(t > 0.0)) <= EDGE_ROUNDING for z, t in _parameters(curve, base)):
@@ -127,7 +130,7 @@ def run(curve: SolutionCurve[P], start: P, most: int) -> OneWay[P]:
             if mark.last:
                 return OneWay(points, marks, mark.evidence, False)
         points.append(ahead)
-        step = min(1.5 * step, MAX_ARCLENGTH_STEP) if ahead.corrections <= MAX_QUICK_CORRECTIONS else step
+        step = min(1.5 * step, longest) if ahead.corrections <= MAX_QUICK_CORRECTIONS else step
         to_start = start.z - ahead.z
         if np.linalg.norm(to_start) <= step and min(to_start @ ahead.tangent, start.tangent @ ahead.tangent) > 0.0:
             return OneWay([*points, start], marks, CLOSED, False)

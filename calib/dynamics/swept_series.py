@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.arclength import Mark, OneWay, run
+from calib.dynamics.arclength import MAX_ARCLENGTH_STEP, Mark, OneWay, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.response import harmonics_of_cycle
 from calib.dynamics.series_curve import SeriesCurve, SeriesMotion, at_own_scale, linear_size, modal_system
@@ -23,6 +23,7 @@ from calib.modelling.modal_system import ModalSystem
 SERIES_HARMONICS = 7, 15, 31, 63  # of the series, the next where those left out are more than MAX_LEFT_OUT
 MAX_LEFT_OUT = 3e-4  # velocity by the harmonics left out over that of the motion  [1]
 MAX_STRETCH_POINTS = 400  # of one stable stretch
+STEP_SHARE = 0.5  # of the mean step between stops, where the level changes from one to the next  [1]
 SAME_MOTION = 0.02  # between the harmonics of a cycle and the series found from them, over its size  [1]
 
 
@@ -56,6 +57,7 @@ class SeriesSweep:
     window : lowest and highest frequency  [Hz]
     direction : 1.0 up, -1.0 down
     level : amplitude of the excitation at a frequency [Hz]
+    longest_step : along the curve, in its scaled coordinates
     """
 
     setting: Setting
@@ -64,6 +66,7 @@ class SeriesSweep:
     window: tuple[float, float]
     direction: float
     level: Callable[[float], float]
+    longest_step: float = MAX_ARCLENGTH_STEP
 
     def _drive(self, frequency: float) -> float:
         return self.system.amplitude / self.unit_level * self.level(frequency)
@@ -117,7 +120,7 @@ class SeriesSweep:
         start = curve.start(found, frequency)
         if start is None or not start.stable or start.clearance < 0.0:
             return None
-        way = run(curve, start._replace(tangent=self.direction * start.tangent), MAX_STRETCH_POINTS)
+        way = run(curve, start._replace(tangent=self.direction * start.tangent), MAX_STRETCH_POINTS, self.longest_step)
         return (curve, way), way.points
 
     def _coefficients(self, balance: HarmonicBalance, frequency: float, state: np.ndarray) -> np.ndarray:
@@ -144,4 +147,7 @@ def series_sweep(setting: Setting, level: Callable[[float], float], stops: np.nd
     except CalibError:
         return None
     window = float(stops.min()), float(stops.max())
-    return SeriesSweep(setting, system, level(begin), window, float(np.sign(stops[-1] - begin)), level)
+    levels = {level(stop) for stop in stops.tolist()}
+    # a level that was measured point by point makes the curve bend from point to point
+    longest = MAX_ARCLENGTH_STEP if len(levels) == 1 else min(MAX_ARCLENGTH_STEP, STEP_SHARE / stops.size)
+    return SeriesSweep(setting, system, level(begin), window, float(np.sign(stops[-1] - begin)), level, longest)
