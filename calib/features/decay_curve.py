@@ -134,8 +134,7 @@ def prepared_curve(
 @lru_cache(maxsize=MAX_REMEMBERED_FITS)
 def _fit(frame: DecayFrame, time: bytes, values: bytes) -> Oscillation | None:
     """Fit of a simulated channel, whose float64 these are; None where it does not oscillate."""
-    row = np.frombuffer(values)
     try:
-        return frame.smoothed(np.frombuffer(time), row) if np.ptp(row) > 0.0 else None
+        return frame.smoothed(np.frombuffer(time), np.frombuffer(values))
     except CalibError:  # no oscillation that its samples resolve
         return None

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 from calib.execution.pool import InProcess
 from calib.store import Store
@@ -17,6 +18,7 @@ from calib.workflows.calibrate import calibrate
 from calib.workflows.diagnose import diagnose_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "sloshing" / "study.toml"
+EARLY, LATE = slice(31, 320), slice(1980, 2280)  # samples of some ten periods of decay 1
 PUBLISHED = 0.017055  # NMTE on decay 2 of SSMLearn's reduced model, in its observable space (examples/sloshing)
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
@@ -50,6 +52,22 @@ def test_the_first_second_is_left_out_and_one_percent_of_the_width_is_a_centimet
     assert record.sizes["time"] == samples
     assert record.time.values[1] == pytest.approx(0.033, abs=2e-6)
     assert np.abs(record.displacement.values).max() == pytest.approx(largest, abs=1e-5)
+
+
+def test_the_period_falls_from_0_84_s_to_0_78_s_as_the_decay_dies(measured):
+    """Beside zero crossings that are counted by hand, ten periods at the beginning and at the end of decay 1."""
+    rows = script("decays").told(measured("sloshing/decays.mat"))
+    frequency, of_frequency, damping, _ = rows["decay 1"]
+    assert frequency[[0, 2, 4, 7]] == pytest.approx([1.1974, 1.2311, 1.2464, 1.2858], abs=1e-3)
+    assert (of_frequency < 1e-3).all()
+    assert damping[[0, 2, 4]] == pytest.approx([1.02, 0.85, 0.74], abs=0.03)
+    time, values = (column.ravel() for column in loadmat(measured("sloshing/decays.mat"))["xData"][0])
+    early, late = (np.flatnonzero((values[part][:-1] < 0) & (values[part][1:] >= 0)) for part in (EARLY, LATE))
+    for found, part, percent, close in ((early, EARLY, (3.0, 4.6), 0.01), (late, LATE, (0.04, 0.15), 0.02)):
+        counted = (found.size - 1) / (time[part][found[-1]] - time[part][found[0]])
+        curves = script("decays").curves_of(time, values)
+        inside = (curves.amplitude.values > percent[0]) & (curves.amplitude.values < percent[1])
+        assert counted == pytest.approx(curves.frequency.values[inside].mean(), rel=close)
 
 
 def test_a_linear_spring_is_wrong_by_a_third_on_the_decay_held_out(file, best):

@@ -94,7 +94,7 @@ def analytic_signal(time: np.ndarray, values: np.ndarray) -> AnalyticSignal:
 
     Raises
     ------
-    CalibError : too few samples or periods
+    CalibError : too few samples, or samples a period, or a constant
 
     Source: Feldman, Mechanical Systems and Signal Processing 8 (1994) 119-127 (FREEVIB).
     """
@@ -104,6 +104,8 @@ def analytic_signal(time: np.ndarray, values: np.ndarray) -> AnalyticSignal:
             f"frequency and damping of a free decay need at least {least} samples, got {time.size}; "
             "record longer, or at a higher rate"
         )
+    if np.ptp(values) == 0.0:
+        raise CalibError(f"expected a motion that decays, got the constant {values[0]:.4g}; leave this channel out")
     uniform = np.linspace(time[0], time[-1], time.size)
     even = np.interp(uniform, time, values)
     dominant = dominant_frequency(uniform, even)

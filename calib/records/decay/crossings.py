@@ -6,7 +6,9 @@ import xarray as xr
 from calib.records.decay.dataset import curves_dataset
 from calib.records.decay.smoother import SmoothedDecay
 
-HYSTERESIS = 3.0  # standard deviations of the noise, which each half wave exceeds
+HYSTERESIS = 0.5  # of the amplitude, which each half wave exceeds  [1]
+MIN_HYSTERESIS = 4.5  # standard deviations of the noise that this is, at least: 7e-6 by chance
+MIN_CROSSINGS = 4  # of one period whose half waves have both their ends
 CROSSING_SHARE = 0.15  # of a half wave, on both sides of a crossing: samples through which its line goes  [1]
 
 
@@ -16,8 +18,13 @@ def crossing_curves(decay: SmoothedDecay) -> xr.Dataset:
     A crossing lies where a line through the samples near it vanishes; the amplitude of a half wave is that of the half
     sine between its crossings that fits it best; the logarithmic decrement is that of half waves of one sign.
     """
-    time, values = decay.without_mean
-    crossing, of_crossing = _crossings(time, values, decay.noise)
+    (time, values), one = decay.without_mean, decay.oscillation
+    amplitude = np.exp(one.basis.matrix(time) @ one.log_amplitude)
+    level = HYSTERESIS * amplitude
+    beyond = np.flatnonzero((np.abs(values) > level) & (level > MIN_HYSTERESIS * decay.noise))
+    crossing, of_crossing = _crossings(time, values, beyond, decay.noise)
+    if crossing.size < MIN_CROSSINGS:
+        return curves_dataset(*np.empty((6, 0)), attrs={"method": "zero crossings"})
     amplitude, of_amplitude = _amplitudes(time, values, crossing, decay.noise)
     length = crossing[2:-1] - crossing[:-3]
     decrement = np.log(amplitude[:-2] / amplitude[2:])
@@ -34,10 +41,11 @@ def crossing_curves(decay: SmoothedDecay) -> xr.Dataset:
     )
 
 
-def _crossings(time: np.ndarray, values: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Instants (m,) at which values pass zero between half waves that exceed the noise, and their uncertainty  [s]."""
-    beyond = np.flatnonzero(np.abs(values) > HYSTERESIS * noise)
+def _crossings(time: np.ndarray, values: np.ndarray, beyond: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Instants (m,) at which values pass zero between samples `beyond` of two signs, and their uncertainty  [s]."""
     turns = np.flatnonzero(np.diff(np.sign(values[beyond])))
+    if turns.size < MIN_CROSSINGS:
+        return np.empty(0), np.empty(0)
     near = max(1, int(CROSSING_SHARE * np.median(np.diff(beyond[turns]))))
     found = []
     for before, after in zip(beyond[turns], beyond[turns + 1], strict=True):

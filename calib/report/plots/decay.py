@@ -35,6 +35,7 @@ from calib.report.plots.style import (
 DECAY_SIGMAS = 2.0  # standard uncertainties on either side of a curve
 MAX_SHOWN_SIGMA = 0.15  # of the curve's median, of a point that sets the limits of its axis  [1]
 DECAY_MARGIN = 0.35  # of the range of the curve, above and below it  [1]
+SIMULATED_MARGIN = 0.05  # of the axis, beyond a simulated curve  [1]
 LABELS = {"frequency": "Frequency [Hz]", "damping_ratio": "Damping ratio [%]"}
 FACTORS = {"frequency": 1.0, "damping_ratio": 100.0}  # of the axes: the damping ratio is in per cent
 
@@ -108,9 +109,8 @@ def _limits(values: np.ndarray, half: np.ndarray) -> tuple[float, float]:
 
 def _simulated(left: Axes, right: Axes, measured: xr.Dataset, simulated: xr.Dataset, one: BodyDecay) -> None:
     """Draw the simulated frequency and damping ratio at the amplitudes that the simulation passes."""
-    values = simulated[one.channel].sel(body=one.body).values
     try:
-        fit = one.smoothed.frame.smoothed(simulated.time.values, values)
+        fit = one.smoothed.frame.smoothed(simulated.time.values, simulated[one.channel].sel(body=one.body).values)
     except CalibError:  # it does not oscillate
         return
     _, scale, _ = channel_axis(measured, one.body, one.channel)
@@ -120,6 +120,6 @@ def _simulated(left: Axes, right: Axes, measured: xr.Dataset, simulated: xr.Data
     _, frequency, damping = over_amplitude(fit, wanted)
     for axes, name, curve in ((left, "frequency", frequency), (right, "damping_ratio", damping)):
         line(axes, scale * np.exp(wanted), FACTORS[name] * curve, SIMULATED, 1.3)
-        low, high = axes.get_ylim()
-        if curve.size:
-            axes.set_ylim(min(low, FACTORS[name] * curve.min()), max(high, FACTORS[name] * curve.max()))
+        (low, high), values = axes.get_ylim(), FACTORS[name] * curve
+        margin = SIMULATED_MARGIN * (high - low)
+        axes.set_ylim(min([low, *(values - margin)]), max([high, *(values + margin)]))

@@ -144,7 +144,7 @@ def test_zero_crossings_and_the_analytic_signal_agree_with_the_smoother():
 def test_the_uncertainties_of_zero_crossings_cover_a_viscous_decay():
     time = np.arange(0.0, 80.0, 0.0213)
     curves = crossing_curves(smoothed_decay(time, noisy(linear(time, 1.5, 0.004), 0.01, 11)))
-    assert curves.sizes["point"] == pytest.approx(240, abs=10)
+    assert curves.sizes["point"] == pytest.approx(2 * 1.5 * 64.0, abs=10)  # down to 9 times the noise
     for name, truth in (("frequency", 1.5), ("damping_ratio", 0.004)):
         z = (curves[name].values - truth) / curves[f"{name}_sigma"].values
         assert 0.8 < np.sqrt(np.mean(z**2)) < 1.2
@@ -168,9 +168,10 @@ def test_velocity_has_the_frequency_and_damping_of_displacement():
         (linear(TIME[:80], 1.5, 0.01), TIME[:80], "need 4 periods .* got 2.5"),
         (linear(np.arange(200) / 4.0, 1.5, 0.01), np.arange(200) / 4.0, "4 samples a period, got 2.7"),
         (linear(TIME, 1.5, 0.0), TIME, "expected a motion that decays"),
+        (np.full(TIME.size, 2.0), TIME, "expected a motion that decays, got the constant 2"),
         (linear(TIME, 1.5, -0.01), TIME, "expected a motion that decays|need 4 periods"),
     ],
-    ids=["few samples", "few periods", "slow clock", "undamped", "growing"],
+    ids=["few samples", "few periods", "slow clock", "undamped", "at rest", "growing"],
 )
 def test_what_is_no_decay_is_refused(values, time, match):
     with pytest.raises(CalibError, match=match):
