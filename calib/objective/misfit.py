@@ -8,7 +8,7 @@ import xarray as xr
 
 from calib.objective.terms import Reference, Term
 from calib.records import channels, prescribed
-from calib.records.response import AMPLITUDE_CHANNELS, has_phase
+from calib.records.response import PARTS, has_phase
 
 MISFIT = (
     "rms of measured minus simulated over the standard deviation of the measured channel, rms over channels and "
@@ -73,12 +73,12 @@ def compared_rows(reference: Reference, terms: Sequence[Term]) -> Rows:
     names = [str(body) for body in reference.record.body.values]
     bodies = {body for term in own for body in term.bodies or names}
     given = prescribed(reference.record)
-    phased = not reference.is_swept or has_phase(reference.record)
+    unknown = () if has_phase(reference.record) else PARTS[1:]  # of a response of amplitudes alone
     return [
         (body, channel)
         for body in names
-        for channel in (channels(reference.record) if phased else AMPLITUDE_CHANNELS)
-        if body in bodies and (body, channel) not in given
+        for channel in channels(reference.record)
+        if body in bodies and (body, channel) not in given and channel not in unknown
     ]
 
 

@@ -21,7 +21,6 @@ from calib.units import to_si
 KIND = "frequency response"  # attribute `kind` of such a record
 UNKNOWN_PHASE = "unknown"  # attribute `phases` of one of amplitudes alone: they stand in its in_phase part
 PARTS = ("in_phase", "quadrature")
-AMPLITUDE_CHANNELS = PARTS[:1]  # that hold the amplitude where the phase is not known
 LEVEL_UNITS = ("N", "m")  # of the quantities by which bodies are excited
 DIMS: Mapping[str, tuple[str, ...]] = {
     "frequency": ("point",), "level": ("point",), "sweep": ("point",), "direction": ("point",),

@@ -6,8 +6,9 @@ import pytest
 from calib.errors import CalibError
 from calib.features.frequency_response import ResponseDistance
 from calib.objective import Objective, Reference, Term
+from calib.objective.misfit import compared_rows
 from calib.records.excitation import Excitation
-from calib.records.response import PARTS, make_response
+from calib.records.response import PARTS, UNKNOWN_PHASE, make_response
 
 FORCE = Excitation("mass", "force", frequency=1.0, amplitude=1.0)
 SIGMA, FREQUENCY_SIGMA = 0.01, 0.005  # m, Hz
@@ -112,3 +113,17 @@ def test_residuals_change_smoothly_with_the_curve():
     found = np.array([residuals(reference, simulated(fold)) for fold in np.linspace(1.98, 2.02, 41)])
     steps = np.abs(np.diff(found[:, :, :50], axis=0)).max(axis=(1, 2))
     assert steps.max() < 3.0 * np.median(steps)
+
+
+def test_without_phases_amplitudes_alone_are_compared():
+    frequency = np.linspace(1.0, 2.5, 16)
+    truth = 1.0 / (2.0 - frequency**2 + 0.3j * frequency)
+    fine = np.linspace(0.9, 2.6, 200)
+    turned = make_response(fine, ["mass"], np.exp(1.1j) / (2.0 - fine**2 + 0.3j * fine)[None], 1.0, "N")
+    drawn = make_response(
+        frequency, ["mass"], np.abs(truth)[None].astype(complex), 1.0, "N", place="mass", quantity="force",
+        phases=UNKNOWN_PHASE,
+    )  # fmt: skip
+    compared = Objective({"drawn": Reference("drawn", drawn, excitation=FORCE)}, [Term(ResponseDistance())])
+    assert compared({"drawn": turned.assign(piece=("point", np.zeros(200)))}).cost < 1e-4
+    assert list(compared_rows(compared.references["drawn"], compared.terms)) == [("mass", "in_phase")]
