@@ -2,8 +2,8 @@
 
 The states z' = g(t, x, v, z) of a law at a place are marched over the period by the trapezoidal rule, which is stable
 for any rate, until they repeat; small changes of the motion are carried along by the same rule, differentiated. That is
-the time half of the alternating frequency/time method for hysteretic forces (Guillen & Pierre, J. Appl. Mech. 66 (1999)
-764, march their elements likewise).
+the time half of the alternating frequency/time method (Cameron & Griffin, J. Appl. Mech. 56 (1989) 149) for forces that
+remember.
 """
 
 from collections.abc import Sequence
