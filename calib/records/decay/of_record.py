@@ -42,8 +42,9 @@ def smoothed_record(record: xr.Dataset, body: str, channel: str) -> SmoothedDeca
     """
     if "time" not in record.dims or record.attrs.get("quantity", FREE_DECAY) != FREE_DECAY:
         raise CalibError(
-            f"frequency and damping over amplitude are those of a free decay, got a record of "
-            f"{record.attrs.get('quantity', 'points')}; compare it by another feature"
+            "frequency and damping over amplitude are those of a free decay, got a record of "
+            f"{record.attrs.get('quantity', 'points')}; compare it by another feature, or name the decays under "
+            "`records` of the term"
         )
     bodies = [str(name) for name in record.body.values]
     if body not in bodies:
