@@ -19,6 +19,7 @@ SIGNIFICANT_Z = 4.0  # from which noise does not explain a difference  [standard
 MAX_GAP = 3.0  # between the last and the first sample of a closed curve, over its usual steps  [1]
 MAX_GAP_OVER_JUMP = 1.5  # the same over its largest step  [1]
 USUAL_STEP_QUANTILE = 0.98  # of the steps of a curve, which leaves out its jumps  [1]
+STEADY_LEVEL = 0.02  # range of the level of a sweep over its largest, up to which it is told as one  [1]
 MIN_CONTACT_SAMPLES = 4.0  # of an impact whose duration is resolved
 
 
@@ -86,13 +87,20 @@ def response_text(record: xr.Dataset) -> str:
     )
 
 
+def level_text(record: xr.Dataset, points: np.ndarray) -> str:
+    """Amplitude of the excitation of a sweep, or its range where it follows the frequency."""
+    level, unit = record["level"].values[points], str(record["level"].attrs["units"])
+    if np.ptp(level) <= STEADY_LEVEL * level.max():
+        return shown(float(np.median(level)), unit)
+    return f"{shown(float(level.min()), unit)} .. {shown(float(level.max()), unit)}"
+
+
 def _response(record: xr.Dataset) -> Iterator[str]:
     """Describe a frequency response, sweep by sweep."""
     yield f"frequency response of {record.sizes['point']} points: {response_text(record)}"
     amplitude, stated = np.abs(complex_amplitude(record)), "response_sigma" in record
     for sweep, points in sweeps(record):
         way = "up" if record["direction"].values[points[0]] > 0.0 else "down"
-        level = float(np.median(record["level"].values[points]))
         for body, own in zip(record.body.values.tolist(), amplitude[:, points], strict=True):
             top = int(np.argmax(own))
             noise = ""
@@ -100,7 +108,7 @@ def _response(record: xr.Dataset) -> Iterator[str]:
                 sigma = float(np.median(record["response_sigma"].sel(body=body).values[points]))
                 noise = f", standard uncertainty {shown(sigma, 'm', 2)}"
             yield (
-                f"sweep {sweep:g} {way}, level {shown(level, str(record['level'].attrs['units']))}, {points.size} "
+                f"sweep {sweep:g} {way}, level {level_text(record, points)}, {points.size} "
                 f"points: largest amplitude of {body} {shown(float(own[top]), 'm')} at "
                 f"{shown(float(record['frequency'].values[points[top]]), 'Hz', 6)}{noise}"
             )

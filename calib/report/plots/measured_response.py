@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from calib.execution.files import whole
 from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
 from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, png, shown_unit
+from calib.report.record_description import level_text
 
 SWEEPS = mpl.colormaps["viridis"]  # colours of the sweeps, by rising level
 LIGHTEST_SWEEP = 0.82  # of the colour map: the yellow beyond it is too light on white  [1]
@@ -93,12 +94,9 @@ def sweep_look(measured: xr.Dataset) -> list[tuple[np.ndarray, Look]]:
 def sweep_entries(measured: xr.Dataset) -> list[Line2D]:
     """Entries of a legend of the sweeps: level and direction; the first few of many."""
     colours, markers, handles = _colours(measured), _markers(measured), list[Line2D]()
-    unit = str(measured["level"].attrs["units"])
     for sweep, points in sweeps(measured)[:MAX_LEGEND_SWEEPS]:
-        level = float(np.median(measured["level"].values[points]))
-        factor, name = shown_unit(unit, level)
         way = "up" if markers[sweep] == UP else "down"
-        label = f"{factor * level:.4g} {name}, {way}"
+        label = f"{level_text(measured, points)}, {way}"
         handles.append(Line2D([], [], color=colours[sweep], marker=markers[sweep], linestyle="none", label=label))
     return handles
 
