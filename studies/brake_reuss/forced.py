@@ -1,0 +1,273 @@
+"""Force that each law needs for the measured amplitude at the measured frequency, beside the force that was measured.
+
+    python studies/brake_reuss/forced.py             # the laws of CHOICES
+    python studies/brake_reuss/forced.py --follow    # and the sweeps by each law, as `calib run` follows them
+    python studies/brake_reuss/forced.py --draw      # and forced.png
+
+The motion is taken as harmonic, x = X cos(w t) with the measured X and w, as that of a mode with a quality factor of 70
+to 300 is. The force is then the first harmonic of m x'' + c x' + k x - m f(x, x', z), with f the registered effects and
+z their internal states after CYCLES cycles. Mass, stiffness, damping and the parameters of a law are fitted by least
+squares to the complex force of the five levels of record `held`, each level over the rms of its force; the seven other
+levels are predicted. The error of a level is the rms of predicted minus measured modulus over the rms of the measured
+one.
+"""
+
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numba import njit
+from scipy.optimize import least_squares
+
+from calib.dynamics.swept_response import swept_response
+from calib.modelling.effect import Effect
+from calib.modelling.model import Model
+from calib.plugins import load as registered
+from calib.records.response import complex_amplitude, sweeps
+from calib.report.plots.style import DPI, STYLE
+from calib.study_file import StudyFile, load
+
+HERE = Path(__file__).parent
+STEPS = 256  # a cycle
+CYCLES = 3  # until hysteresis repeats
+RECORDS = ("held", "between", "driven")  # the first is fitted
+START = {"mass": 2.0, "frequency": 80.25, "damping": 2.0}  # kg, Hz, N s/m
+LIMITS = {"mass": (1.0, 4.0), "frequency": (40.0, 81.5), "damping": (0.01, 30.0)}  # as START
+# start and limits of the parameters of a law; all positive ones are sought on a logarithmic scale, the others in units
+# of the third number
+LAWS: dict[str, dict[str, tuple[float, ...]]] = {
+    "coulomb_friction": {"friction": (0.05, 1e-4, 10.0), "friction_slip": (1e-3, 1e-4, 0.5)},
+    "quadratic_drag": {"c2": (40.0, 1e-3, 1e3)},
+    "power_law_damping": {"power_damping": (100.0, 1e-3, 1e5), "power_exponent": (2.3, 0.2, 6.0)},
+    "presliding": {"dahl_force": (20.0, 1e-3, 1e4), "dahl_distance": (1e-3, 1e-5, 0.3)},
+    "bouc_wen": {
+        "hysteresis_force": (20.0, 1e-3, 1e4), "hysteresis_distance": (1e-3, 1e-5, 0.3),
+        "hysteresis_exponent": (1.0, 0.3, 5.0), "hysteresis_shape": (0.5, 0.01, 1.0),
+    },
+    "iwan": {
+        "iwan_force": (20.0, 1e-3, 1e4), "iwan_distance": (1e-3, 1e-5, 0.3), "iwan_exponent": (-0.3, -0.94, 0.0, 1.0),
+        "iwan_ratio": (0.5, 1e-3, 50.0),
+    },
+    "cubic_stiffness": {"k3": (0.0, -1e13, 1e13, 1e10)},
+    "softening": {"kx": (0.0, -1e9, 1e9, 1e6)},
+}  # fmt: skip
+CHOICES = (
+    "linear", "coulomb_friction", "quadratic_drag", "power_law_damping", "presliding", "bouc_wen", "iwan",
+    "quadratic_drag + cubic_stiffness", "power_law_damping + cubic_stiffness", "presliding + cubic_stiffness",
+    "bouc_wen + cubic_stiffness", "iwan + cubic_stiffness", "quadratic_drag + softening + cubic_stiffness",
+    "power_law_damping + softening + cubic_stiffness",
+)  # fmt: skip
+LOOKS: tuple[Any, Any] = ((0, (3, 2)), "-")  # of their lines
+DRAWN = ("linear", "power_law_damping + softening + cubic_stiffness")
+CALIBRATED = {  # of study.extended.toml, by `calib run`
+    "mass": 1.9265, "stiffness": 492246.0, "damping": 2.7893, "power_damping": 279.72, "power_exponent": 2.9236,
+    "kx": -3.2513e7, "k3": 1.29019e11,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One sweep: frequency [Hz], complex displacement [m] and force [N] (n,), and its name."""
+
+    name: str
+    frequency: np.ndarray
+    displacement: np.ndarray
+    force: np.ndarray
+
+    @property
+    def needed(self) -> np.ndarray:
+        """Complex force (n,) over the phase of the displacement  [N]."""
+        return np.asarray(self.force * np.exp(-1j * np.angle(self.displacement)))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Laws and values that were fitted: mass [kg], frequency [Hz], damping [N s/m], those of each law by name."""
+
+    effects: tuple[Effect, ...]
+    values: dict[str, float]
+
+    def force(self, level: Level) -> np.ndarray:
+        """Complex force (n,) over the phase of the displacement  [N]."""
+        omega, size = 2.0 * np.pi * level.frequency, np.abs(level.displacement)
+        mass, natural = self.values["mass"], 2.0 * np.pi * self.values["frequency"]
+        needed = (mass * (natural**2 - omega**2) + 1j * omega * self.values["damping"]) * size
+        for effect in self.effects:
+            parameters = np.zeros(8)
+            parameters[: len(effect.parameters)] = [self.values[p.name] for p in effect.parameters]
+            law = effect.law
+            needed = needed - mass * first_harmonic(law.function, omega, size, parameters, law.states > 0)
+        return np.asarray(needed)
+
+    def error(self, level: Level) -> float:
+        """Return the rms of the modulus of the force minus the measured one, over the rms of that  [1]."""
+        return rms(np.abs(self.force(level)) - level.force) / rms(level.force)
+
+
+@njit
+def first_harmonic(law: Any, omega: np.ndarray, size: np.ndarray, parameters: np.ndarray, hysteretic: bool) -> Any:
+    """First harmonic (n,) of a law's force per unit mass [m/s^2] over the phase of x, states by Runge-Kutta.
+
+    It begins at x = 0 with all states 0, from where hysteresis comes to its loop at once; from a crest it has to slip.
+    """
+    found = np.empty(omega.size, np.complex128)
+    z, k1, k2, k3, k4 = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
+    step = 2.0 * np.pi / STEPS
+    for n in range(omega.size):
+        w, a = omega[n], size[n]
+        h = step / w
+        z[:] = 0.0
+        total = 0j
+        for _ in range(CYCLES if hysteretic else 1):
+            total = 0j
+            for i in range(STEPS):
+                at, half, end = step * i, step * (i + 0.5), step * (i + 1)
+                force = law(at / w, a * np.sin(at), a * w * np.cos(at), parameters, z, k1)
+                total += force * np.exp(-1j * at)
+                if hysteretic:
+                    law(half / w, a * np.sin(half), a * w * np.cos(half), parameters, z + 0.5 * h * k1, k2)
+                    law(half / w, a * np.sin(half), a * w * np.cos(half), parameters, z + 0.5 * h * k2, k3)
+                    law(end / w, a * np.sin(end), a * w * np.cos(end), parameters, z + h * k3, k4)
+                    z += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        found[n] = 2.0j * total / STEPS
+    return found
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
+def levels(record: xr.Dataset, name: str) -> Iterator[Level]:
+    """Sweeps of a record, named by what was held: the acceleration, or the force."""
+    amplitude = complex_amplitude(record)[0]
+    for _, points in sweeps(record):
+        frequency, own, force = (x[points] for x in (record.frequency.values, amplitude, record.level.values))
+        acceleration = np.abs(own) * (2.0 * np.pi * frequency) ** 2
+        held = f"{10 * round(np.median(acceleration) / 10) or 5:g} m/s^2"
+        label = held if name != "driven" else f"{np.median(force):.2f} N"
+        yield Level(label, frequency, own, force)
+
+
+def calibrated() -> Fit:
+    """Return the laws of study.extended.toml with the values that it was given."""
+    natural = float(np.sqrt(CALIBRATED["stiffness"] / CALIBRATED["mass"])) / (2.0 * np.pi)
+    names = ("power_law_damping", "softening", "cubic_stiffness")
+    return Fit(tuple(registered("calib.effects", name) for name in names), {**CALIBRATED, "frequency": natural})
+
+
+def followed(fit: Fit, file: StudyFile) -> tuple[float, float, str]:
+    """Distance of the study's term on `held`, CPU seconds of the sweeps that it is of, and their status."""
+    values = {name: value for name, value in fit.values.items() if name != "frequency"}
+    values["stiffness"] = values["mass"] * (2.0 * np.pi * fit.values["frequency"]) ** 2
+    reference = file.reference("held")
+    model = Model(file.study.model.simulator, list(fit.effects))
+    swept_response(model, values, reference.excitation, reference.record)  # compiles
+    begin = time.process_time()
+    simulated = swept_response(model, values, reference.excitation, reference.record)
+    spent = time.process_time() - begin
+    return float(file.study.objective({"held": simulated}).cost), spent, str(simulated.attrs["status"])
+
+
+def fitted(names: Sequence[str], held: Sequence[Level]) -> Fit:
+    """Return the laws of these names and the values that fit the complex forces of levels best."""
+    effects = tuple(registered("calib.effects", name) for name in names)
+    stated: dict[str, tuple[float, ...]] = {key: (START[key], *LIMITS[key]) for key in START}
+    for name in names:
+        stated |= LAWS[name]
+    keys = list(stated)
+
+    def values(u: np.ndarray) -> dict[str, float]:
+        pairs = zip(keys, u.tolist(), strict=True)
+        return {key: float(np.exp(x)) if len(stated[key]) == 3 else x * stated[key][3] for key, x in pairs}
+
+    def residual(u: np.ndarray) -> np.ndarray:
+        fit = Fit(effects, values(u))
+        parts = [(fit.force(level) - level.needed) / rms(level.force) for level in held]
+        return np.concatenate([part for one in parts for part in (one.real, one.imag)])
+
+    rows = [np.log(s) if len(s) == 3 else np.array(s[:3]) / s[3] for s in stated.values()]
+    begin, low, high = np.array(rows).T
+    found = least_squares(residual, begin, bounds=(low, high), x_scale="jac", max_nfev=100)
+    return Fit(effects, values(found.x))
+
+
+def damping_alone(level: Level) -> float:
+    """Damping [N s/m] of the linear mode that is fitted to one level alone."""
+    return fitted([], [level]).values["damping"]
+
+
+def interpolated(level: Level, held: Sequence[Level]) -> float:
+    """Error of a level as `Fit.error`, where force over displacement is interpolated between the held levels.
+
+    At each frequency it is linear in the amplitude: what can be predicted without any law of the joint.
+    """
+    size = np.abs(level.displacement)
+    known = np.array([[np.interp(level.frequency, own.frequency, np.abs(own.displacement)) for own in held]])[0]
+    stiffness = np.array(
+        [
+            np.interp(level.frequency, own.frequency, (own.needed / np.abs(own.displacement)).real)
+            + 1j * np.interp(level.frequency, own.frequency, (own.needed / np.abs(own.displacement)).imag)
+            for own in held
+        ]
+    )
+    pairs = zip(size, known.T, stiffness.T, strict=True)
+    force = np.array([x * (np.interp(x, own, s.real) + 1j * np.interp(x, own, s.imag)) for x, own, s in pairs])
+    return rms(np.abs(force) - level.force) / rms(level.force)
+
+
+def drawn(measured: dict[str, list[Level]], fits: dict[str, Fit]) -> Figure:
+    """Draw the force over frequency of every level: measured points, and the lines of two fits."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.4, 4.0), layout="constrained")
+        for axes, name in zip(figure.subplots(1, 3), RECORDS, strict=True):
+            for place, level in enumerate(measured[name]):
+                colour = mpl.colormaps["viridis"](0.82 * place / max(1, len(measured[name]) - 1))
+                axes.plot(level.frequency, level.force, "o", color=colour, markersize=2.5, label=level.name)
+                for fit, look in zip(fits.values(), LOOKS, strict=True):
+                    axes.plot(level.frequency, np.abs(fit.force(level)), color=colour, linewidth=1.0, linestyle=look)
+            axes.set(xlabel="Frequency [Hz]", title={"held": "Calibrated"}.get(name, "Predicted"), ylim=(0.0, None))
+            axes.legend(fontsize=7, loc="best")
+        handles = [Line2D([], [], color="#333333", linewidth=1.0, linestyle=look) for look in LOOKS]
+        figure.legend(handles, list(fits), loc="outside lower center", ncols=2, fontsize=7)
+        figure.axes[0].set_ylabel("Force [N]")
+    return figure
+
+
+def main() -> None:
+    """Print the error of each law at each level."""
+    file = load(HERE / "study.toml")
+    measured = {name: list(levels(file.reference(name).record, name)) for name in RECORDS}
+    shown = [level for name in RECORDS for level in measured[name]]
+    print(f"{'':50}" + " ".join(f"{level.name:>9}" for level in shown))
+    others = [level for level in shown if level not in measured["held"]]
+    print(f"{'interpolated between the held levels':50}" + " ".join(
+        f"{100.0 * interpolated(level, measured['held']):8.1f}%" if level in others else f"{'':>9}" for level in shown
+    ))  # fmt: skip
+    print(f"{'damping of a linear mode at each level [N s/m]':50}" + " ".join(
+        f"{damping_alone(level):9.2f}" for level in shown
+    ))  # fmt: skip
+    fits = {}
+    for choice in (*CHOICES, "study.extended.toml"):
+        names = [] if choice == "linear" else choice.split(" + ")
+        fit = fits[choice] = fitted(names, measured["held"]) if choice in CHOICES else calibrated()
+        print(f"{choice:50}" + " ".join(f"{100.0 * fit.error(level):8.1f}%" for level in shown))
+        print("    " + ", ".join(f"{key} {value:.4g}" for key, value in fit.values.items()), flush=True)
+    if "--draw" in sys.argv:
+        drawn(measured, {name: fits[name] for name in DRAWN}).savefig(HERE / "forced.png", dpi=DPI)
+    if "--follow" in sys.argv:
+        for choice, fit in fits.items():
+            cost, spent, status = followed(fit, file)
+            print(f"{choice:50} distance {cost:.4f}, {spent:5.1f} s, {status}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""Forced responses of a jointed beam: a linear mode is wrong in its damping; laws are told by the force they need."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.dynamics.swept_response import swept_response
+from calib.records.response import complex_amplitude, sweeps
+from calib.study_file import load
+
+STUDY = Path(__file__).parents[2] / "studies" / "brake_reuss" / "study.toml"
+LINEAR = {"mass": 1.950991, "stiffness": 497439.3, "damping": 10.46034}  # of `calib run`
+
+
+@pytest.fixture(scope="module")
+def file(measured):
+    measured("brake_reuss/ForcedFrequencyResponses.mat")
+    return load(STUDY)
+
+
+@pytest.fixture(scope="module")
+def forced():
+    """Return the script of the study."""
+    spec = importlib.util.spec_from_file_location("brake_reuss_forced", STUDY.parent / "forced.py")
+    module = sys.modules["brake_reuss_forced"] = importlib.util.module_from_spec(spec)  # dataclasses look it up
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def levels(file, forced):
+    return {name: list(forced.levels(file.reference(name).record, name)) for name in forced.RECORDS}
+
+
+def test_the_accelerations_that_were_held_are_displacements(file):
+    record = file.reference("held").record
+    assert [number for number, _ in sweeps(record)] == [1.0, 2.0, 4.0, 6.0, 8.0]
+    held = np.abs(complex_amplitude(record)[0]) * (2.0 * np.pi * record.frequency.values) ** 2
+    medians = [np.median(held[points]) for _, points in sweeps(record)]
+    np.testing.assert_allclose(medians, [5.0, 20.0, 40.0, 60.0, 80.0], rtol=0.01)
+    resonant = np.argmin(np.abs(np.angle(complex_amplitude(record)[0]) + 0.5 * np.pi))
+    assert record.frequency.values[resonant] == pytest.approx(80.3, abs=0.3)
+
+
+def test_the_damping_of_a_linear_mode_rises_more_than_fourfold_over_the_levels(forced, levels):
+    damping = [forced.damping_alone(level) for level in levels["held"]]
+    assert damping == sorted(damping)
+    assert damping == pytest.approx([3.21, 3.93, 6.49, 10.75, 14.21], rel=0.02)
+
+
+def test_a_power_law_with_a_spring_that_softens_and_hardens_predicts_the_levels_between(forced, levels):
+    fit = forced.fitted(["power_law_damping", "softening", "cubic_stiffness"], levels["held"])
+    assert fit.values["power_exponent"] == pytest.approx(2.63, abs=0.03)
+    errors = [fit.error(level) for name in ("between", "driven") for level in levels[name]]
+    assert errors == pytest.approx([0.086, 0.129, 0.120, 0.214, 0.123, 0.085, 0.090], abs=0.005)
+    linear = forced.fitted([], levels["held"])
+    assert linear.error(levels["between"][2]) > 0.25
+
+
+def test_the_set_forces_disagree_with_the_held_accelerations_before_any_model(forced, levels):
+    """What no law of the amplitude can do better: the curves themselves, interpolated between the levels."""
+    errors = [forced.interpolated(level, levels["held"]) for level in levels["driven"]]
+    assert errors == pytest.approx([0.173, 0.092, 0.069, 0.084], abs=0.005)
+    assert max(forced.interpolated(level, levels["held"]) for level in levels["between"]) < 0.08
+
+
+@pytest.mark.slow
+def test_the_extended_study_predicts_what_was_held_out(file, forced):
+    extended = load(STUDY.with_name("study.extended.toml"))
+    for own, values, expected in (
+        (file, LINEAR, {"held": 0.1424, "between": 0.1116, "driven": 0.2095}),
+        (extended, forced.CALIBRATED, {"held": 0.0367, "between": 0.0523, "driven": 0.0319}),
+    ):
+        for name, distance in expected.items():
+            reference = own.reference(name)
+            simulated = swept_response(own.study.model, values, reference.excitation, reference.record)
+            cost = own.study.objective.on({name: reference})({name: simulated}).cost
+            assert cost == pytest.approx(distance, abs=0.002)
