@@ -67,7 +67,7 @@ CHOICES = (
 )  # fmt: skip
 LOOKS: tuple[Any, Any] = ((0, (3, 2)), "-")  # of their lines
 DRAWN = ("linear", "power_law_damping + softening + cubic_stiffness")
-CALIBRATED = {  # of study.extended.toml, by `calib run`
+CALIBRATED = {  # of study.joint.toml, by `calib run`
     "mass": 1.9265, "stiffness": 492246.0, "damping": 2.7893, "power_damping": 279.72, "power_exponent": 2.9236,
     "kx": -3.2513e7, "k3": 1.29019e11,
 }  # fmt: skip
@@ -158,7 +158,7 @@ def levels(record: xr.Dataset, name: str) -> Iterator[Level]:
 
 
 def calibrated() -> Fit:
-    """Return the laws of study.extended.toml with the values that it was given."""
+    """Return the laws of study.joint.toml with the values that it was given."""
     natural = float(np.sqrt(CALIBRATED["stiffness"] / CALIBRATED["mass"])) / (2.0 * np.pi)
     names = ("power_law_damping", "softening", "cubic_stiffness")
     return Fit(tuple(registered("calib.effects", name) for name in names), {**CALIBRATED, "frequency": natural})
@@ -256,7 +256,7 @@ def main() -> None:
         f"{damping_alone(level):9.2f}" for level in shown
     ))  # fmt: skip
     fits = {}
-    for choice in (*CHOICES, "study.extended.toml"):
+    for choice in (*CHOICES, "study.joint.toml"):
         names = [] if choice == "linear" else choice.split(" + ")
         fit = fits[choice] = fitted(names, measured["held"]) if choice in CHOICES else calibrated()
         print(f"{choice:50}" + " ".join(f"{100.0 * fit.error(level):8.1f}%" for level in shown))

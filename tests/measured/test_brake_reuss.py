@@ -69,7 +69,7 @@ def test_the_set_forces_disagree_with_the_held_accelerations_before_any_model(fo
 
 @pytest.mark.slow
 def test_the_extended_study_predicts_what_was_held_out(file, forced):
-    extended = load(STUDY.with_name("study.extended.toml"))
+    extended = load(STUDY.with_name("study.joint.toml"))
     for own, values, expected in (
         (file, LINEAR, {"held": 0.1424, "between": 0.1116, "driven": 0.2095}),
         (extended, forced.CALIBRATED, {"held": 0.0367, "between": 0.0523, "driven": 0.0319}),
