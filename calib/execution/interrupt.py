@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+_deferring: list[list[int]] = []  # signals that came in each block that defers them, the innermost block last
+
 
 @contextmanager
 def ended_like_ctrl_c() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end the block as Ctrl-C does, where they would kill the process: it leaves nothing behind.
 
-    A signal that is ignored, as under nohup, stays so.
+    A signal that is ignored stays so: a hang-up under nohup, Ctrl-C in the background of a script. SIGTERM ends that.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -27,15 +29,19 @@ def ended_like_ctrl_c() -> Iterator[None]:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Do what Ctrl-C does at present."""
+    """Do what Ctrl-C does at present, or would do were it not ignored."""
     handler = signal.getsignal(signal.SIGINT)
     if callable(handler):
         handler(number, frame)
+    elif _deferring:
+        _deferring[-1].append(number)
+    else:
+        raise KeyboardInterrupt
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Defer Ctrl-C until the block has ended; the threads and processes started in it do not receive it.
+    """Defer Ctrl-C and what ends like it until the block has ended; threads and processes started in it receive none.
 
     Blocking the signal in this thread is not enough: another thread receives it, and Python runs the handler here.
     """
@@ -43,13 +49,20 @@ def uninterrupted() -> Iterator[None]:
     installed, in_main_thread = signal.getsignal(signal.SIGINT), threading.current_thread() is threading.main_thread()
     handler = installed if callable(installed) and in_main_thread else None
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    ended: list[int] = []
     if handler is not None:
         signal.signal(signal.SIGINT, lambda number, frame: caught.append((number, frame)))
+    elif in_main_thread:
+        _deferring.append(ended)
     try:
         yield
     finally:
+        if handler is None and in_main_thread:
+            _deferring.pop()
         if handler is not None:
             signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         if handler is not None and caught:
             handler(*caught[0])
+        for number in ended[:1]:
+            _interrupt(number, None)

@@ -78,6 +78,26 @@ def test_what_would_kill_the_process_ends_a_block_like_ctrl_c(number):
     assert signal.getsignal(number) == signal.SIG_DFL
 
 
+def test_what_ends_the_process_does_so_in_the_background_of_a_script_too():
+    """There Ctrl-C is ignored: it must not be what SIGTERM does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    done = []
+
+    def ended():
+        with ended_like_ctrl_c():
+            with uninterrupted(), uninterrupted():
+                os.kill(os.getpid(), signal.SIGTERM)
+                wait()
+                done.append("all of the block that defers it")
+            done.append("what follows")
+
+    with pytest.raises(KeyboardInterrupt):
+        ended()
+    assert done == ["all of the block that defers it"]
+    assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
 def test_a_signal_that_is_ignored_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
