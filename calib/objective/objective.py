@@ -204,7 +204,7 @@ class Objective:
 
     def aligned(self, name: str, record: xr.Dataset) -> xr.Dataset:
         """Return a simulated record on the time base of the reference `name`, its nuisances applied."""
-        sensed = self._sensed_one(name, record)
+        sensed = self._comparable(name, record).sensed(record)
         return sensed.record.assign_attrs({f"nuisance_{key}": value for key, value in sensed.nuisances.items()})
 
     def compared(self, name: str, record: xr.Dataset) -> xr.Dataset:
@@ -212,20 +212,18 @@ class Objective:
 
         That is `aligned`, but that of a response each point differs by its distance (`PreparedResponse.compared`).
         """
-        prepared = self._prepared.get(name)
-        if isinstance(prepared, PreparedResponse):
-            self._sensed_one(name, record)
-            return prepared.compared(record)
-        return self.aligned(name, record)
+        prepared = self._comparable(name, record)
+        return prepared.compared(record) if isinstance(prepared, PreparedResponse) else self.aligned(name, record)
 
-    def _sensed_one(self, name: str, record: xr.Dataset) -> SensedRecord:
+    def _comparable(self, name: str, record: xr.Dataset) -> PreparedReference | PreparedResponse:
+        """Reference `name`, with which a simulated record that did not fail can be compared."""
         if name not in self._prepared:
             raise CalibError(f"no reference {name!r}{nearest(name, self._prepared)}; there are {list(self._prepared)}")
         failure = self._prepared[name].failure(record)
         if failure is not None:
             status, reason = failure
             raise CalibError(f"a failed run cannot be aligned (status {status!r}: {reason})")
-        return self._prepared[name].sensed(record)
+        return self._prepared[name]
 
     def released(
         self, name: str, model: Model, values: Mapping[str, float], request: Request | None = None
