@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
@@ -30,6 +31,7 @@ KINDS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442")
 FAILED, OTHER = "#000000", "#999999"
 BASE_LOOK: Look = {"color": "#E69F00", "linewidth": 1.0, "linestyle": (0, (4, 1.5))}  # of a model without its extension
 DPI = 150  # dots per inch of figures in files of their own
+SVG_DPI = 160  # of images within an SVG element
 TEXT_WIDTH = 7.4  # inch: the text width of an A4 page
 MAX_SAMPLE_DOTS = 700  # measured samples drawn as dots in one panel
 MAX_LINE_SAMPLES = 1500  # points of a drawn line
@@ -146,7 +148,8 @@ def svg(figure: Figure, name: str, outlines: bool = False) -> str:
     """
     with mpl.rc_context({**STYLE, "svg.hashsalt": name, "svg.fonttype": "path" if outlines else "none"}):
         text = io.StringIO()
-        figure.savefig(text, format="svg", dpi=160, metadata={"Date": None, "Creator": None})
+        figure.set_dpi(SVG_DPI)
+        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})  # savefig would draw twice
     whole = text.getvalue()
     return whole[whole.index("<svg") :].strip()
 
