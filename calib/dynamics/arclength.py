@@ -2,7 +2,7 @@
 
 The unknowns z (d,), the last of which are parameters between 0 and 1, run along the curve of the d - 1 equations
 residual(z) = 0. From a point with the unit tangent t the next is sought at t . (z - guess) = 0 with the guess a step
-ahead (Keller 1977).
+ahead (Keller 1977): on the cubic through the last two points with their tangents, where they are far enough apart.
 """
 
 import math
@@ -19,6 +19,8 @@ MAX_ARCLENGTH_STEP = 0.05  # the same
 MIN_ARCLENGTH_STEP = 1e-6  # the same; a curve that cannot be followed with it ends
 MAX_QUICK_CORRECTIONS = 3  # of the corrector; after no more the step along the curve is lengthened
 MAX_NEWTON_STEPS = 8  # of the corrector
+MIN_PREDICTOR_SPACING = 0.5  # distance of the last two points over the step, below which the tangent is followed  [1]
+MAX_PREDICTOR_BEND = 0.05  # departure of the cubic from the tangent over the step, above which that is followed  [1]
 MIN_TANGENT_COSINE = 0.95  # between neighbouring tangents
 EDGE_ROUNDING = 1e-12  # of a parameter that is at the edge of its window
 ARCLENGTH_TOLERANCE = 1e-11  # of the position of a special point along the curve
@@ -117,7 +119,7 @@ def run(curve: SolutionCurve[P], start: P, most: int, longest: float = MAX_ARCLE
         base = points[-1]
         if any(abs(z - float(t > 0.0)) <= EDGE_ROUNDING for z, t in _parameters(curve, base)):
             return OneWay(points, marks, f"edge of the window, {curve.where(base)}", False)
-        ahead, reason = _ahead(curve, base, step)
+        ahead, reason = _ahead(curve, base, points[-2] if len(points) > 1 else base, step)
         between = curve.marks(base, ahead) if ahead else []
         if ahead is None or between is None:
             step /= 2.0
@@ -194,15 +196,18 @@ def root(curve: SolutionCurve[P], base: P, ahead: P, test: Test[P]) -> P | None:
     return point
 
 
-def _ahead(curve: SolutionCurve[P], base: P, step: float) -> tuple[P | None, str]:
-    """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one."""
-    guess, normal = base.z + step * base.tangent, base.tangent
+def _ahead(curve: SolutionCurve[P], base: P, before: P, step: float) -> tuple[P | None, str]:
+    """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one.
+
+    before : the point before `base`, or `base` where there is none
+    """
+    normal = base.tangent
     share, edge = 1.0, -1
-    for i, (z, t) in enumerate(_parameters(curve, base), start=guess.size - curve.parameters):
-        if not 0.0 < guess[i] < 1.0 and (float(t > 0.0) - z) / (step * t) <= share:
+    for i, (z, t) in enumerate(_parameters(curve, base), start=base.z.size - curve.parameters):
+        if not 0.0 < z + step * t < 1.0 and (float(t > 0.0) - z) / (step * t) <= share:
             share, edge = (float(t > 0.0) - z) / (step * t), i
+    guess = _predicted(base, before, share * step)
     if edge >= 0:
-        guess = base.z + share * step * base.tangent
         guess[edge], normal = float(base.tangent[edge] > 0.0), np.eye(guess.size)[edge]
     point, reason = near(curve, guess, normal, base.tangent, 0.5 * step)
     if point is None:
@@ -211,6 +216,22 @@ def _ahead(curve: SolutionCurve[P], base: P, step: float) -> tuple[P | None, str
     if not reason and point.tangent @ base.tangent < MIN_TANGENT_COSINE:
         reason = "the branch has a corner"
     return (None, reason) if reason else (point, "")
+
+
+def _predicted(base: P, before: P, step: float) -> np.ndarray:
+    """Guess (d,) a step ahead of `base`: on the cubic through it and the point before, or on its tangent.
+
+    On the tangent where the points are close together or the curve bends sharply, as beside a cycle of half the period.
+    """
+    straight = base.z + step * base.tangent
+    distance = float(np.linalg.norm(base.z - before.z))
+    if distance < MIN_PREDICTOR_SPACING * abs(step):
+        return straight
+    chord = (base.z - before.z) / distance
+    second = (2.0 * base.tangent + before.tangent - 3.0 * chord) / distance
+    third = (base.tangent + before.tangent - 2.0 * chord) / distance**2
+    bend = step**2 * (second + step * third)
+    return straight + bend if np.linalg.norm(bend) <= MAX_PREDICTOR_BEND * abs(step) else straight
 
 
 def _parameters(curve: SolutionCurve[P], point: P) -> list[tuple[float, float]]:

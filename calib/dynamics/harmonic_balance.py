@@ -47,6 +47,7 @@ class HarmonicBalance:
         self.phase = 2.0 * np.pi * np.arange(samples) / samples
         orders = np.arange(1, harmonics + 1)
         angle = self.phase[:, None] * orders
+        self._cosine, self._sine = np.cos(self.phase), np.sin(self.phase)
         self._synthesis = np.ones((samples, 2 * harmonics + 1))  # coefficients -> samples
         self._synthesis[:, 1::2], self._synthesis[:, 2::2] = np.cos(angle), np.sin(angle)
         self._analysis = self._synthesis.T * (2.0 / samples)  # samples -> coefficients
@@ -55,6 +56,7 @@ class HarmonicBalance:
         for k in orders:
             self._turn[2 * k - 1, 2 * k], self._turn[2 * k, 2 * k - 1] = k, -k
         self._slope = self._synthesis @ self._turn
+        self._identity, self._curvature = np.eye(self.size), self._turn @ self._turn
         self._last: tuple[tuple[bytes, float, float], Forces] | None = None
 
     @property
@@ -85,12 +87,12 @@ class HarmonicBalance:
         whole = np.zeros((n, size, n, size))
         modes = np.arange(n)
         whole[modes, :, modes, :] = (
-            system.stiffness[:, None, None] * np.eye(size)
+            system.stiffness[:, None, None] * self._identity
             + (2.0 * omega * system.rate)[:, None, None] * self._turn
-            + omega**2 * self._turn @ self._turn
+            + omega**2 * self._curvature
         )
         # with each coefficient of a place; with omega, by which rates rise and the period falls; with the drive
-        cosine, sine = np.outer(places.drive, np.cos(self.phase)), np.outer(places.drive, np.sin(self.phase))
+        cosine, sine = (places.drive[:, None] * wave for wave in (self._cosine, self._sine))
         position, rate = np.zeros((2, *cosine.shape, size + 2))
         position[..., :size], rate[..., :size] = self._synthesis, omega * self._slope
         rate[..., size] = places.shape @ (y @ self._slope.T) - amplitude * sine
@@ -117,7 +119,7 @@ class HarmonicBalance:
 
     def inner_states(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
         """Internal states (q,) of the forces at the section, linear between the instants; none where there are none."""
-        inner = self.forces(y, omega, amplitude).inner
+        inner = self.forces(y, omega, amplitude).inner if self.system.marched else None
         if inner is None:
             return np.zeros(0)
         around = np.append(self.phase, 2.0 * np.pi), np.column_stack([inner.value, inner.value[:, 0]])
@@ -128,11 +130,11 @@ class HarmonicBalance:
         """Motion of the modes and at the places."""
         places = self.system.places
         modal, rate = y @ self._synthesis.T, y @ (omega * self._slope).T
-        drive, drive_rate = amplitude * np.cos(self.phase), -omega * amplitude * np.sin(self.phase)
+        drive = amplitude * places.drive[:, None]
         return Motion(
             modal,
-            places.shape @ modal + np.outer(places.drive, drive) + places.mean[:, None],
-            places.shape @ rate + np.outer(places.drive, drive_rate),
+            places.shape @ modal + drive * self._cosine + places.mean[:, None],
+            places.shape @ rate - omega * drive * self._sine,
         )
 
     def linear_motion(self, omega: float, amplitude: float) -> np.ndarray:
@@ -277,9 +279,8 @@ class HarmonicBalance:
 
     def _linear(self, y: np.ndarray, omega: float) -> np.ndarray:
         system = self.system
-        slope = self.slope(y)
         damping, stiffness = 2.0 * system.rate[:, None] * omega, system.stiffness[:, None]
-        return omega**2 * self.slope(slope) + damping * slope + stiffness * y
+        return omega**2 * (y @ self._curvature) + damping * self.slope(y) + stiffness * y
 
     def _drive(self, omega: float, amplitude: float) -> np.ndarray:
         """Modal load (n, 2 H + 1) of the drive and the constants."""

@@ -4,8 +4,9 @@
 
 CPU seconds on one thread, compiled before, of an oscillator with a cubic spring through its folds, and of `four_dof`
 with a cubic spring on each body out of contact: per point as they are followed, and for 400 of them; then the folds
-that each finds. pyHarm (`pip install pyHarm-os`; its harmonic balance of the same oscillator with as many harmonics,
-without multipliers) is left out where it is not installed.
+that each finds. Harmonic balance is followed once more in steps so short that there are 400 points. pyHarm (`pip
+install pyHarm-os`; its harmonic balance of the same oscillator with as many harmonics, without multipliers) is left out
+where it is not installed.
 """
 
 import copy
@@ -13,13 +14,18 @@ import logging
 import os
 import time
 import warnings
+from functools import partial
+from operator import itemgetter
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
+from calib.dynamics.arclength import MAX_ARCLENGTH_STEP, run
+from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.harmonic_response import balanced_response
 from calib.dynamics.response import frequency_response
+from calib.dynamics.series_curve import SeriesCurve, at_own_scale, linear_size, modal_system
 from calib.dynamics.setting import Setting
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.modelling.model import Model
@@ -69,6 +75,25 @@ def ours(name, setting, window, level):
         told(f"{name}, {method}", seconds, points, folds)
 
 
+def finely(name, setting, window, level):
+    """Time a curve of harmonic balance in steps so short that it has some 400 points, its special points included."""
+    balance = HarmonicBalance(modal_system(setting, window[0], level), HARMONICS)
+    amplitude = balance.system.amplitude
+
+    def followed(scale, longest=MAX_ARCLENGTH_STEP):
+        curve = SeriesCurve(balance, *window, scale, lambda frequency: amplitude)
+        y = curve.solved(balance.linear_motion(2.0 * np.pi * window[0], amplitude), window[0])
+        way = run(curve, curve.start(y, window[0]), 10 * POINTS, longest)
+        return (curve, way), way.points
+
+    curve, way = at_own_scale(linear_size(balance, window, lambda frequency: amplitude), followed)
+    length = sum(np.linalg.norm(b.z - a.z) for a, b in zip(way.points[:-1], way.points[1:], strict=True))
+    again = partial(followed, curve.scale, length / POINTS)
+    seconds, ((curve, way), _) = min((cpu(again) for _ in range(REPEATS)), key=itemgetter(0))
+    folds = [curve.parameter(mark.point.z) for _, mark in way.marks if mark.kind == "fold"]
+    told(f"{name}, harmonic balance in short steps", seconds, len(way.points), folds)
+
+
 def pyharm():
     """Time pyHarm on the oscillator."""
     try:
@@ -110,4 +135,5 @@ def pyharm():
 if __name__ == "__main__":
     for name, case in CASES.items():
         ours(name, *case)
+        finely(name, *case)
     pyharm()
