@@ -69,14 +69,14 @@ def _formulas(result: DiscoveryResult, console: Console) -> None:
     if result.formulas:
         table = Table(title="formulas, refitted in the simulator", title_justify="left")
         table.add_column("formula")
-        for heading in ("numbers", "chi-square", "left out", "AIC"):
+        for heading in ("numbers", "chi-square", "left out", "RIC"):
             table.add_column(heading, justify="right")
         table.add_column("")
-        least = min(f.aic for f in result.formulas)
+        least = min(f.ric for f in result.formulas)
         for own in result.formulas:
             left_out = "-" if own.left_out_deviance is None else f"{own.left_out_deviance:.5g}"
             remarks = [text for text, holds in (("tie", own.ties), ("front", own.on_front)) if holds]
-            row = str(len(own.numbers)), f"{own.chi2:.5g}", left_out, f"+{own.aic - least:.1f}", ", ".join(remarks)
+            row = str(len(own.numbers)), f"{own.chi2:.5g}", left_out, f"+{own.ric - least:.1f}", ", ".join(remarks)
             table.add_row(escape(own.text), *row)
         console.print(table)
 

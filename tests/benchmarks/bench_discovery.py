@@ -13,8 +13,9 @@ arguments  those of the law: displacement, velocity, both
 error      root mean square of the force found less the true one over that of the true one, over the states that the
            simulations of the records visit. What the calibrated stiffness and damping have taken is a part of the
            force: by their known change in the oscillator, by the best multiples of x and v in four_dof
+formula    the same of the first formula where it predicts as well as the free function, which is written then
 held out   misfit of the record held out (root mean square over the noise) over that of the model that was told: the
-           true law as an effect whose level is free, fitted to the same records
+           true law as an effect whose level is free, fitted to the same records; by the free function and the formula
 CPU s      of the search, calibration excluded
 
     PYTHONPATH=tests python tests/benchmarks/bench_discovery.py --peers
@@ -51,6 +52,7 @@ from calib.study_file import StudyFile, load
 
 Case = dict
 MAX_ERROR, MAX_MISFIT_RATIO = 0.1, 1.3  # of a force that counts as found well  [1]
+MAX_FORMULA_RATIO = 1.01  # of misfits on the record held out, up to which a formula predicts as well as the law  [1]
 
 
 def cases(name: str, count: int, nothing: int, noises: list[float], seed: int) -> list[Case]:
@@ -106,7 +108,10 @@ def scored(at: Written, law: Hidden, name: str) -> Case:
     if found.chosen is not None:
         row |= {"body": found.chosen.body, "arguments": [list(a) for a in found.chosen.arguments],
                 "rivals": list(found.rivals), "trials": _trials(found)}  # fmt: skip
-        row |= {"error": error(found, law, name, found.states.x, found.states.v)} if law.kind else {}
+        row |= {"formula": found.formula_trial and found.formula_trial.formula.text}
+        if law.kind:
+            x, v = found.states.x, found.states.v
+            row |= {"error": error(found, law, name, x, v), "formula_error": formula_error(found, law, name, x, v)}
     if law.kind:
         row |= {"misfits": held_out_misfits(at, found, file, values, law, name)}
     return row
@@ -133,14 +138,28 @@ def _trials(found: Discovery) -> list:
 
 
 def error(found: Discovery, law: Hidden, name: str, x: np.ndarray, v: np.ndarray) -> float | None:
-    """Relative root mean square error of the force found over states (n,); None where another body is named."""
+    """Relative root mean square error of the free function over states (n,); None where another body is named."""
     chosen = found.chosen
     if chosen is None or chosen.body != law.body:
         return None
-    force, true = chosen.fitted.model.matrix(x, v) @ chosen.fitted.coefficients, law.at(x, v)
+    force = chosen.fitted.model.matrix(x, v) @ chosen.fitted.coefficients
+    return _relative_error(force, chosen.fitted.fit, law, name, x, v)
+
+
+def formula_error(found: Discovery, law: Hidden, name: str, x: np.ndarray, v: np.ndarray) -> float | None:
+    """Return the same of the formula; of the free function where no formula predicts as well."""
+    trial = found.formula_trial
+    if trial is None or found.chosen is None or found.chosen.body != law.body:
+        return error(found, law, name, x, v)
+    return _relative_error(trial.formula.values(x, v), trial.fit, law, name, x, v)
+
+
+def _relative_error(force: np.ndarray, fit: Fit, law: Hidden, name: str, x: np.ndarray, v: np.ndarray) -> float:
+    """Of a force (n,) beside the calibrated parameters of a fit."""
+    true = law.at(x, v)
     rest = force - true
     if name == "oscillator":
-        truth, fit = system(name).truth, chosen.fitted.fit
+        truth = system(name).truth
         for parameter, k in (("stiffness", 0), ("damping", 1)):
             rest = rest - (fit.value(parameter) - truth[parameter]) / truth["mass"] * (x, v)[k]
     else:
@@ -164,7 +183,8 @@ def held_out_misfits(
         truth = {own: system(name).truth[own] for own in file.study.space.names}
         start = replace(ready.null.point, values={**ready.null.point.values, **truth})
         fit = ready.fitter.fit(start, [told], {"hidden_level": law.level})
-        fits = {"null": ready.null, "told": fit, "found": found.chosen and found.chosen.fitted.fit}
+        fits = {"null": ready.null, "told": fit, "found": found.chosen and found.chosen.fitted.fit,
+                "formula": found.formula_trial and found.formula_trial.fit}  # fmt: skip
     level = {"told_level": fit.value("hidden_level") / law.level if "hidden_level" in fit.names else None}
     return {which: own and _misfit(bench, own, at) for which, own in fits.items()} | level
 
@@ -194,10 +214,10 @@ def right_arguments(row: Case) -> bool:
     return found == set(KINDS[row["kind"]].arguments)
 
 
-def ratio(row: Case) -> float | None:
+def ratio(row: Case, which: str = "found") -> float | None:
     """Misfit of the record held out over that of the model that was told; where nothing was found, the calibrated."""
     misfits = row.get("misfits") or {}
-    told, found = misfits.get("told"), misfits.get("found") or misfits.get("null")
+    told, found = misfits.get("told"), misfits.get(which) or misfits.get("null")
     return found / told if told and found else None
 
 
@@ -210,6 +230,8 @@ def line(row: Case) -> str:
     text = f"{law}: {row['verdict']} {functions.replace('d', 'x')}"
     if row.get("error") is not None:
         text += f", error {row['error']:.1%}"
+    if row.get("formula"):
+        text += f", {row['formula']}: {row['formula_error']:.1%}"
     if ratio(row) is not None:
         text += f", held out {ratio(row):.2f} times"
     return f"{text} ({row.get('search_seconds', 0.0):.0f} s)"
@@ -240,6 +262,8 @@ def _rates(rows: list[Case], noise: float) -> list[str]:
     arguments = [right_arguments(row) for row in rows]
     errors = [np.inf if row.get("error") is None else row["error"] for row in rows]
     well = [error < MAX_ERROR for error in errors]
+    written_well = [(row.get("formula_error") or np.inf) < MAX_ERROR for row in rows]
+    as_well = [bool(row.get("formula")) and (ratio(row, "formula") or np.inf) <= MAX_FORMULA_RATIO for row in rows]
     ratios = [own for own in map(ratio, rows) if own is not None]
     near = sum(own <= MAX_MISFIT_RATIO for own in ratios)
     lines = [
@@ -247,7 +271,9 @@ def _rates(rows: list[Case], noise: float) -> list[str]:
         f"  right place {share(sum(places), count)}",
         f"  right arguments {share(sum(arguments), count)}",
         f"  error below {MAX_ERROR:.0%} {share(sum(well), count)}",
+        f"  error of what is written below {MAX_ERROR:.0%} {share(sum(written_well), count)}",
         f"  held out within {MAX_MISFIT_RATIO} times {share(near, len(ratios))}",
+        f"  a formula predicts as well as the law, to {MAX_FORMULA_RATIO - 1.0:.0%} {share(sum(as_well), count)}",
     ]
     for size in SIZES:
         own = [k for k, row in enumerate(rows) if row["size"] == size]

@@ -62,8 +62,8 @@ class FormulaResult:
     text, latex : force per unit mass over displacement x and velocity v, with names for its numbers
     numbers : that are fitted
     chi2, left_out_deviance : as those of a `TrialResult`
-    aic : quasi-AIC, but for a constant that all formulas have in common  [1]
-    ties : whether it is within a tie of AIC of the best
+    ric : risk inflation criterion, but for a constant that all formulas have in common  [1]
+    ties : whether it is within a tie of the best by that
     on_front : whether no formula of as many numbers or fewer has a lower chi-square
     predicts : whether it fits all records and predicts left-out ones as well as the free function
     explains : whether the misfit that it leaves is none beside the noise
@@ -74,7 +74,7 @@ class FormulaResult:
     numbers: tuple[NumberResult, ...]
     chi2: float
     left_out_deviance: float | None
-    aic: float
+    ric: float
     ties: bool
     on_front: bool
     predicts: bool

@@ -1,7 +1,9 @@
 """The formula of a force that was found: formulas by sparse selection, refitted inside the simulator and judged.
 
-What counts is the chi-square of the refit: of formulas within a tie of AIC of the best, the one with the fewest numbers
-is first. It is the formula of the force where it predicts left-out records as well as the free force does.
+What counts is the chi-square of the refit. A term that was the best of p by chance reduces it by about 2 ln p, so that
+this is what a term costs, in the place of the 2 of AIC, which a number of its shape costs (risk inflation criterion:
+Foster & George, The Annals of Statistics 22 (1994) 1947). Of formulas within a tie of the best, the one with the fewest
+numbers is first. It is the formula of the force where it predicts left-out records as well as the free force does.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,8 +40,8 @@ class FormulaTrial:
     prefix : of the names of its parameters
     fit : the model with it
     left_out : misfit of the records that were left out in turn; None where none can be
-    aic : quasi-AIC, but for a constant  [1]
-    ties : whether it is within a tie of AIC of the best
+    ric : risk inflation criterion, but for a constant  [1]
+    ties : whether it is within a tie of the best by that
     on_front : whether no formula of fewer numbers, or of as many, has a lower chi-square
     predicts : whether it fits all records and predicts left-out ones as well as the free force
     explains : whether the misfit that it leaves is none beside the noise
@@ -50,7 +52,7 @@ class FormulaTrial:
     prefix: str
     fit: Fit
     left_out: LeftOutMisfit | None
-    aic: float = np.inf
+    ric: float = np.inf
     ties: bool = False
     on_front: bool = False
     predicts: bool = False
@@ -85,7 +87,7 @@ def formulas_of(
     trials: list[FormulaTrial] = []
     for round_number in range(1 + MAX_SIMPLIFIED):
         if round_number:
-            chosen = _simpler(problem, _judged(fitter, trials, fitted, left_out)[:1], trials)
+            chosen = _simpler(problem, _judged(fitter, trials, fitted, left_out, problem.price)[:1], trials)
         for number, selected in enumerate(chosen, 1):
             shortest = min((t.formula.length for t in trials if t.fit.chi2 <= fitted.fit.chi2 + margin), default=None)
             length = selected.formula.length
@@ -99,7 +101,7 @@ def formulas_of(
             trial = _trial(fitter, null, problem, selected, rival, shortest is None)
             if trial is not None:
                 trials.append(trial)
-    return _judged(fitter, trials, fitted, left_out)
+    return _judged(fitter, trials, fitted, left_out, problem.price)
 
 
 def _simpler(problem: LinearisedForce, best: Sequence[FormulaTrial], known: Sequence[FormulaTrial]) -> list[Selected]:
@@ -167,9 +169,12 @@ def prefix_of(known: Sequence[str]) -> str:
 
 
 def _judged(
-    fitter: Fitter, trials: Sequence[FormulaTrial], fitted: PenalisedFit, left_out: LeftOutMisfit | None
+    fitter: Fitter, trials: Sequence[FormulaTrial], fitted: PenalisedFit, left_out: LeftOutMisfit | None, price: float
 ) -> tuple[FormulaTrial, ...]:
-    """Formulas with their judgement, the best first."""
+    """Formulas with their judgement, the best first.
+
+    price : of a term, see `LinearisedForce`
+    """
     if not trials:
         return ()
     freedom = fitted.fit.residual.size
@@ -183,12 +188,12 @@ def _judged(
         judged.append(
             replace(
                 trial,
-                aic=aic,
+                ric=aic + (price - 2.0) * len(trial.formula.terms),
                 on_front=trial.fit.chi2 <= min(shorter),
                 predicts=not worse and aic <= free_aic + CRITERIA.aic_tie,
                 explains=not significant(excess_chi2(fitter.evidence, trial.fit), std),
             )
         )
-    least = min(t.aic for t in judged)
-    tied = [replace(t, ties=t.aic - least <= CRITERIA.aic_tie) for t in judged]
-    return tuple(sorted(tied, key=lambda t: (not t.ties, t.formula.length if t.ties else 0, t.aic)))
+    least = min(t.ric for t in judged)
+    tied = [replace(t, ties=t.ric - least <= CRITERIA.aic_tie) for t in judged]
+    return tuple(sorted(tied, key=lambda t: (not t.ties, t.formula.length if t.ties else 0, t.ric)))

@@ -166,17 +166,17 @@ class FreeForce:
         return (weights[0][:, :, None] * weights[1][:, None, :]).reshape(len(x), -1)
 
     @cached_property
-    def roughness(self) -> np.ndarray:
-        """Rows (k, coefficients): second differences of the function in units of the breakpoints' distance  [m/s^2].
+    def roughness(self) -> tuple[np.ndarray, ...]:
+        """Rows (k, coefficients) of each argument: second differences along it over local distances  [m/s^2].
 
         The penalty of Eilers & Marx (Statistical Science 11 (1996) 89) for unequal knots: divided differences of the
         coefficients over the means of their knots, times the square of the local distance. Zero for linear functions.
         """
         own = [_second_differences(t) for t in self.breaks]
         if len(own) == 1:
-            return own[0]
+            return (own[0],)
         first, second = (np.eye(d.shape[1]) for d in own)
-        return np.vstack([np.kron(own[0], second), np.kron(first, own[1])])
+        return np.kron(own[0], second), np.kron(first, own[1])
 
 
 def free_force(

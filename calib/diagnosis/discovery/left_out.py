@@ -1,8 +1,10 @@
 """Prediction of records, or blocks of time, that a model with free forces was not fitted to.
 
 One fold after the other is left out, as in `calib.diagnosis.prediction`: the model is refitted to the others,
-linearised about its fit to all data and with the same penalty, and only the left-out record's own nuisances are solved
-for in it. What counts is the predictive deviance, minus twice the logarithm of the density that the refitted model
+linearised about its fit to all data, and only the left-out record's own nuisances are solved for in it. The weights of
+the penalties are those that the others have: with weights of all data, which know how smooth the functions have to be
+in the left-out ones too, the model of more functions would be preferred too often (Greven & Kneib, Biometrika 97 (2010)
+773). What counts is the predictive deviance, minus twice the logarithm of the density that the refitted model
 gives the left-out data, a proper score (Gneiting & Raftery, Journal of the American Statistical Association 102 (2007)
 359): with the derivatives J there and the covariance C of the refit,
 
@@ -11,12 +13,12 @@ gives the left-out data, a proper score (Gneiting & Raftery, Journal of the Amer
 Where a record visits states that the others do not, the prediction is uncertain and is not expected to be exact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.discovery.penalised import PenalisedFit
+from calib.diagnosis.discovery.penalised import PenalisedFit, linearised
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.prediction import folds
@@ -60,19 +62,24 @@ def left_out_misfit(evidence: Evidence, fit: Fit, penalised: PenalisedFit | None
     penalised : of a model with free forces, whose fit it is
     """
     names, deviances = [], []
-    rows, target = _penalty(fit, penalised)
     for name, left_out in folds(evidence):
+        rows, target = _penalty(fit, left_out, penalised)
         deviances.append(_deviance(fit, left_out, rows, target))
         names.append(name)
     return LeftOutMisfit(tuple(names), np.array(deviances), fit.residual.size) if names else None
 
 
-def _penalty(fit: Fit, penalised: PenalisedFit | None) -> tuple[np.ndarray, np.ndarray]:
+def _penalty(fit: Fit, left_out: np.ndarray, penalised: PenalisedFit | None) -> tuple[np.ndarray, np.ndarray]:
     """Rows (p, k) by a step of the parameters, and what they should amount to (p,): penalties as further data."""
     if penalised is None:
         return np.zeros((0, len(fit.names))), np.zeros(0)
     own = np.isin(fit.names, penalised.model.coefficients)
-    root = penalised.smoothing.root(penalised.weight)
+    residual, columns, nuisances, at = (
+        part[~left_out] for part in (fit.residual, fit.columns, fit.nuisances, fit.rows)
+    )
+    others = replace(fit, residual=residual, columns=columns, nuisances=nuisances, rows=at)
+    smoothing = linearised(others, penalised.model)
+    root = smoothing.root(smoothing.weight)
     rows = np.zeros((len(root), own.size))
     rows[:, own] = root
     return rows, -root @ penalised.coefficients

@@ -97,9 +97,15 @@ class FreeModel:
         return np.column_stack([force.matrix(x, v) for force in self.forces])
 
     @cached_property
-    def differences(self) -> np.ndarray:
-        """Second differences (k, p) of all forces."""
-        return block_diag(*(force.roughness for force in self.forces))
+    def differences(self) -> list[np.ndarray]:
+        """Second differences (k, p) along each argument of each force."""
+        rows, first = [], 0
+        for force in self.forces:
+            for own in force.roughness:
+                rows.append(np.zeros((len(own), len(self.coefficients))))
+                rows[-1][:, first : first + own.shape[1]] = own
+            first += len(force.coefficients)
+        return rows
 
     @cached_property
     def prior(self) -> np.ndarray:
@@ -201,7 +207,7 @@ def penalised_fit(
             break
     if not (fresh or abandoned):
         now = fitter.with_derivatives(now)
-    smoothing = linearised(now, model, now.residual.size)
+    smoothing = linearised(now, model)
     return PenalisedFit(now, model, smoothing, smoothing.weight)
 
 
@@ -215,7 +221,7 @@ def nested(richer: PenalisedFit, model: FreeModel) -> tuple[float, dict[str, flo
     without = replace(
         fit, residual=fit.residual + columns[:, ~shared] @ x[~shared], columns=fit.columns[:, shared], names=names
     )
-    smoothing = linearised(without, model, fit.residual.size)
+    smoothing = linearised(without, model)
     own, weight = np.isin(names, model.coefficients), smoothing.weight
     step = _step(without.residual, columns[:, shared], own, smoothing, weight, x[shared], 0.0)
     ahead, left = x[shared] + step, without.residual - columns[:, shared] @ step
@@ -223,11 +229,8 @@ def nested(richer: PenalisedFit, model: FreeModel) -> tuple[float, dict[str, flo
     return total, {name: float(value) for name, value in zip(names, ahead, strict=True)}
 
 
-def linearised(fit: Fit, model: FreeModel, count: float) -> Smoothing:
-    """Return the problem for the coefficients, linearised about a fit.
-
-    count : of the residuals
-    """
+def linearised(fit: Fit, model: FreeModel) -> Smoothing:
+    """Return the problem for the coefficients, linearised about a fit."""
     own = np.isin(fit.names, model.coefficients)
     whole = fit.free(fit.columns)
     others = Projection(np.column_stack([whole[:, ~own], fit.nuisances]))
@@ -235,9 +238,8 @@ def linearised(fit: Fit, model: FreeModel, count: float) -> Smoothing:
     projected = others(columns)
     value = np.array([fit.value(name) for name in np.array(fit.names)[own]])
     target = others(fit.residual + columns @ value)
-    return Smoothing.of(
-        columns, projected, target, count - others.rank, model.differences, model.prior
-    )  # fmt: skip
+    freedom = fit.residual.size - others.rank
+    return Smoothing.of(columns, projected, target, freedom, model.differences, model.prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,7 +350,7 @@ def _ahead(
     while True:
         names = tuple(np.array(now.names)[~held].tolist())
         beside = replace(now, residual=now.residual - columns @ step, columns=now.columns[:, ~held], names=names)
-        smoothing = linearised(beside, model, now.residual.size)
+        smoothing = linearised(beside, model)
         weight = smoothing.weight_of(allowed * len(model.forces))
         whole = step.copy()
         whole[~held] = _step(beside.residual, columns[:, ~held], own[~held], smoothing, weight, x[~held], damping)

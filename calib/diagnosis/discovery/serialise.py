@@ -71,7 +71,7 @@ def _formula(trial: FormulaTrial) -> FormulaResult:
     )
     left_out = None if trial.left_out is None else trial.left_out.deviance
     return FormulaResult(
-        trial.formula.text, trial.formula.latex, numbers, trial.fit.chi2, left_out, trial.aic, trial.ties,
+        trial.formula.text, trial.formula.latex, numbers, trial.fit.chi2, left_out, trial.ric, trial.ties,
         trial.on_front, trial.predicts, trial.explains,
     )  # fmt: skip
 

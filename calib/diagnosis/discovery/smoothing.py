@@ -1,11 +1,13 @@
-"""Penalised least squares for the coefficients of free functions, with the weight of the penalty by REML.
+"""Penalised least squares for the coefficients of free functions, with the weights of the penalties by REML.
 
-    minimise |y - A c|^2 + w |D c|^2 + |R c|^2
+    minimise |y - A c|^2 + w (r_1 |D_1 c|^2 + r_2 |D_2 c|^2 + ...) + |R c|^2
 
-y and A are free of what calibrated parameters and nuisances absorb, D are second differences, and R is a weak
-prior that decides where the data do not. The weight w maximises the restricted likelihood (Wood, Generalized Additive
-Models, 2017, section 6.2.4; Wahba, Annals of Statistics 13 (1985) 1378), in which the penalties are
-the inverse variances of a Gaussian prior of the coefficients, the unknown level of the noise in common.
+y and A are free of what calibrated parameters and nuisances absorb, D_j are second differences along one argument of
+one function, and R is a weak prior that decides where the data do not. The weights w r_j maximise the restricted
+likelihood (Wood, Generalized Additive Models, 2017, section 6.2.4; Wahba, Annals of Statistics 13 (1985) 1378), in
+which the penalties are the inverse variances of a Gaussian prior of the coefficients, the unknown level of the noise in
+common. A function may be as rough along one argument as it has to, and straight along the other (tensor product
+smooths: Wood, Biometrics 62 (2006) 1025).
 
 Some functions cannot be distinguished from calibrated parameters: a multiple of the displacement beside a calibrated
 stiffness changes nothing that the stiffness does not. Linear functions of which calibration absorbs all but a share of
@@ -14,6 +16,7 @@ is then what the calibrated law does not express.
 """
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +27,7 @@ MIN_LEFT_SHARE = 0.01  # of the length of a change that calibration has to leave
 NULL_SPACE_TOLERANCE = 1e-9  # singular value over the largest, below which a function is not penalised  [1]
 RELATIVE_JITTER = 1e-9  # of the largest eigenvalue, added where a matrix has to be positive definite  [1]
 WEIGHT_DECADES = -8.0, 6.0, 57  # of the weights that are tried, over that of which both terms have the same trace
+MAX_ROUNDS = 4  # in which the weights are chosen one after the other  [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +43,7 @@ class Smoothing:
     gram, moment : (p, p), (p,) A' A and A' y without the directions that calibration absorbs
     square : y' y
     freedom : number of residuals less that of calibrated parameters and nuisances
-    roughness : (p, p) D' D
+    penalties : of each argument of each function, (p, p) D_j' D_j
     prior : (p, p) R' R
     absorbed : (p, q) linear functions that calibration absorbs, by their coefficients
     """
@@ -49,7 +53,7 @@ class Smoothing:
     moment: np.ndarray
     square: float
     freedom: float
-    roughness: np.ndarray
+    penalties: tuple[np.ndarray, ...]
     prior: np.ndarray
     absorbed: np.ndarray
 
@@ -60,7 +64,7 @@ class Smoothing:
         projected: np.ndarray,
         target: np.ndarray,
         freedom: float,
-        differences: np.ndarray,
+        differences: Sequence[np.ndarray],
         prior: np.ndarray,
     ) -> "Smoothing":
         """Set the problem up.
@@ -71,30 +75,30 @@ class Smoothing:
         projected : (N, p) the same without what calibrated parameters and nuisances absorb
         target : (N,) y
         freedom : see above
-        differences : (k, p) D
+        differences : D_j, (k, p) each
         prior : (p, p) R' R
         """
-        linear = _linear(columns, projected, differences)
+        linear = _linear(columns, projected, np.vstack(differences))
         free = projected - (projected @ linear.absorbed) @ linear.dual.T
         frame = np.column_stack([linear.rough, linear.functions])
         turned, prior = free @ frame, frame.T @ prior @ frame
-        rough = differences @ linear.rough
-        roughness = np.zeros_like(prior)
-        roughness[: rough.shape[1], : rough.shape[1]] = rough.T @ rough
         return cls(
             frame=frame,
             gram=turned.T @ turned,
             moment=turned.T @ target,
             square=float(target @ target),
             freedom=freedom,
-            roughness=roughness,
+            penalties=tuple(_penalty(own @ linear.rough, len(prior)) for own in differences),
             prior=prior + RELATIVE_JITTER * np.diag(prior).max() * np.eye(len(prior)),
             absorbed=linear.absorbed,
         )
 
     def criterion(self, weight: float) -> float:
         """Minus twice the logarithm of the restricted likelihood, but for a constant."""
-        prior, posterior = _Scaled(weight * self.roughness + self.prior), self._posterior(weight)
+        return self._criterion(weight * self.roughness)
+
+    def _criterion(self, penalty: np.ndarray) -> float:
+        prior, posterior = _Scaled(penalty + self.prior), _Scaled(self.gram + penalty + self.prior)
         left = self.square - float(self.moment @ posterior.solved(self.moment))
         determinants = posterior.log_determinant - prior.log_determinant
         return self.freedom * float(np.log(max(left, 1e-300))) + determinants
@@ -103,14 +107,47 @@ class Smoothing:
         return _Scaled(self.gram + weight * self.roughness + self.prior)
 
     @cached_property
+    def roughness(self) -> np.ndarray:
+        """Sum of the penalties (p, p), each with its relative weight."""
+        return self._sum(self.relative_weights)
+
+    @cached_property
+    def relative_weights(self) -> np.ndarray:
+        """Weights of the penalties over their geometric mean, by the largest restricted likelihood.
+
+        One after the other is chosen on its grid, the others held, from where all terms have the same trace.
+        """
+        if len(self.penalties) == 1:
+            return np.ones(1)
+        grids = [self._grid(own) for own in self.penalties]
+        weights = min((np.array(one) for one in zip(*grids, strict=True)), key=self._criterion_at)
+        for _ in range(MAX_ROUNDS):
+            before = weights
+            for j, grid in enumerate(grids):
+                weights = min((_replaced(weights, j, w) for w in grid), key=self._criterion_at)
+            if np.array_equal(weights, before):
+                break
+        return weights / np.exp(np.mean(np.log(weights)))
+
+    def _criterion_at(self, weights: np.ndarray) -> float:
+        return self._criterion(self._sum(weights))
+
+    def _sum(self, weights: np.ndarray) -> np.ndarray:
+        return np.asarray(np.tensordot(weights, self.penalties, axes=1))
+
+    @cached_property
     def weight(self) -> float:
-        """Weight of the penalty that maximises the restricted likelihood."""
+        """Weight of their sum that maximises the restricted likelihood."""
         return float(self._weights[int(np.argmin([self.criterion(w) for w in self._weights]))])
 
     @cached_property
     def _weights(self) -> np.ndarray:
-        """Weights that are tried, increasing."""
-        unit = np.trace(self.gram) / max(float(np.trace(self.roughness)), 1e-300)
+        """Weights of their sum that are tried, increasing."""
+        return self._grid(self.roughness)
+
+    def _grid(self, penalty: np.ndarray) -> np.ndarray:
+        """Weights of a penalty that are tried, increasing."""
+        unit = np.trace(self.gram) / max(float(np.trace(penalty)), 1e-300)
         low, high, number = WEIGHT_DECADES
         return max(unit, 1e-300) * np.logspace(low, high, int(number))
 
@@ -200,6 +237,17 @@ class _LinearFunctions:
     functions: np.ndarray
     absorbed: np.ndarray
     dual: np.ndarray
+
+
+def _replaced(values: np.ndarray, at: int, value: float) -> np.ndarray:
+    return np.concatenate([values[:at], [value], values[at + 1 :]])
+
+
+def _penalty(rows: np.ndarray, size: int) -> np.ndarray:
+    """Squares (size, size) of rows (k, r) by the first coefficients."""
+    penalty = np.zeros((size, size))
+    penalty[: rows.shape[1], : rows.shape[1]] = rows.T @ rows
+    return penalty
 
 
 def _linear(columns: np.ndarray, projected: np.ndarray, differences: np.ndarray) -> _LinearFunctions:

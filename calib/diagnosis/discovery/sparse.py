@@ -8,6 +8,7 @@ first two by all pairs). The best structures are refined in the numbers in which
 projection (Golub & Pereyra, SIAM Journal on Numerical Analysis 10 (1973) 413).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -51,6 +52,11 @@ class Selected:
 class LinearisedForce:
     """The linearised problem of a free force, in which formulas are fitted.
 
+    Attributes
+    ----------
+    terms : of the dictionary over its arguments
+    price : of a term of a formula, in units of chi-square: twice the logarithm of the number of different terms  [1]
+
     Parameters
     ----------
     fitted : the free force
@@ -59,6 +65,8 @@ class LinearisedForce:
     def __init__(self, fitted: PenalisedFit):
         model, fit = fitted.model, fitted.fit
         self.model, self.dispersion = model, fitted.dispersion
+        self.terms = dictionary(tuple(force.arguments for force in model.forces), model.states.region)
+        self.price = 2.0 * math.log(len({structure_of([term]) for term in self.terms}))
         step = max(1, model.states.x.size // MAX_STATES)
         self.x, self.v = model.states.x[::step], model.states.v[::step]
         visited = model.matrix(self.x, self.v)
@@ -160,8 +168,7 @@ class LinearisedForce:
 
 def selected_formulas(problem: LinearisedForce) -> list[Selected]:
     """Formulas of a free force by its linearised problem, the lowest predicted AIC first."""
-    arguments = tuple(force.arguments for force in problem.model.forces)
-    refined = problem.search(dictionary(arguments, problem.model.states.region))
+    refined = problem.search(problem.terms)
     unique: dict[tuple[str, ...], Selected] = {}
     for selected in sorted(refined, key=lambda s: s.aic(problem.dispersion)):
         unique.setdefault(selected.formula.structure, selected)

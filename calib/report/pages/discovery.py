@@ -42,7 +42,7 @@ class FormulaRow:
     numbers: int
     chi2: str
     left_out: str
-    aic: str
+    ric: str
     remarks: str
     first: bool
 
@@ -152,14 +152,14 @@ def _formulas(discovery: DiscoveryResult) -> tuple[FormulaRow, ...]:
     """Formulas, the best first."""
     if not discovery.formulas:
         return ()
-    least = float(np.min([f.aic for f in discovery.formulas]))
+    least = float(np.min([f.ric for f in discovery.formulas]))
     return tuple(
         FormulaRow(
             text=own.text,
             numbers=len(own.numbers),
             chi2=number(own.chi2, 5),
             left_out=number(own.left_out_deviance, 5),
-            aic=f"+{own.aic - least:.1f}",
+            ric=f"+{own.ric - least:.1f}",
             remarks=", ".join(text for text, holds in (("tie", own.ties), ("front", own.on_front)) if holds),
             first=own == discovery.formula,
         )

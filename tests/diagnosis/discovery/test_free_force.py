@@ -82,9 +82,11 @@ def test_linear_functions_are_smooth_and_others_are_not(arguments):
     linear = 1.0 + (100.0 * x if DISPLACEMENT in arguments else 0.0) + (3.0 * v if VELOCITY in arguments else 0.0)
     c = np.linalg.lstsq(force.matrix(x, v), linear, rcond=None)[0]
     assert force.matrix(x, v) @ c == pytest.approx(linear, abs=1e-9)
-    assert force.roughness @ c == pytest.approx(0.0, abs=1e-8)
     bent = np.linalg.lstsq(force.matrix(x, v), linear**2, rcond=None)[0]
-    assert np.abs(force.roughness @ bent).max() > 1e-4
+    assert len(force.roughness) == len(arguments)
+    for rows in force.roughness:
+        assert rows @ c == pytest.approx(0.0, abs=1e-8)
+        assert np.abs(rows @ bent).max() > 1e-4
 
 
 def test_breakpoints_of_the_velocity_are_denser_at_rest():

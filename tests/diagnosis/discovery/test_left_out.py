@@ -1,12 +1,15 @@
 """The prediction of records that are left out, against densities written down."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, free_force
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
+from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, linearised
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.signature import Point
 
@@ -83,6 +86,27 @@ def test_a_direction_that_the_others_do_not_determine_is_uncertain_not_wrong():
     misfit = left_out_misfit(Records(), linear_fit(whole, data))
     certain = left_out_misfit(Records(), linear_fit(columns, data))
     assert misfit.deviance < 0.01 * certain.deviance
+
+
+def test_a_record_has_no_say_in_the_smoothness_by_which_it_is_predicted():
+    """Its deviance is a quadratic function of the size of its data, once the others have told the weights."""
+    force, x = free_force("mass", [DISPLACEMENT], {DISPLACEMENT: (-1.0, 1.0)}), np.sin(np.arange(sum(SIZES)))
+    model = FreeModel((force,), (SimpleNamespace(scale={"size": 10.0}),), States(x, x))
+    columns = force.matrix(x, x)
+    deviances, weights = [], []
+    for size in range(4):
+        data = np.random.default_rng(0).standard_normal(x.size) + 5.0 * x
+        data[Records().of("c")] = 20.0 * size * np.sin(9.0 * x[Records().of("c")])
+        plain = linear_fit(columns, data)
+        values = dict(zip(force.coefficients, plain.point.values.values(), strict=True))
+        fit = replace(plain, point=Point(values, (), {}), names=force.coefficients)
+        smoothing = linearised(fit, model)
+        weights.append(smoothing.weight)
+        misfit = left_out_misfit(Records(), fit, PenalisedFit(fit, model, smoothing, smoothing.weight))
+        deviances.append(misfit.deviances[Records.names.index("c")])
+    assert weights[0] > 10.0 * weights[-1]  # all records together want another smoothness
+    assert np.diff(deviances, 3) == pytest.approx(0.0, abs=1e-6 * deviances[-1])
+    assert np.diff(deviances, 2)[0] > 0.1 * deviances[-1]
 
 
 def test_one_steady_tone_leaves_nothing_to_predict():

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from calib.diagnosis.discovery.free_force import DISPLACEMENT, free_force
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, free_force
 from calib.diagnosis.discovery.smoothing import Smoothing
 from calib.diagnosis.score import Projection
 
 FORCE = free_force("mass", [DISPLACEMENT], {DISPLACEMENT: (-1.0, 1.0)})
 X = np.sin(np.linspace(0.0, 20.0, 600))
 BASIS = FORCE.matrix(X, X)
+[BENDING] = FORCE.roughness
 PRIOR = BASIS.T @ BASIS / (X.size * 100.0**2)
 
 
@@ -68,7 +69,7 @@ def test_weight_and_estimate_agree_with_the_restricted_likelihood_by_its_definit
     data = 3.0 * np.cos(4.0 * X) + np.random.default_rng(0).standard_normal(X.size)
     jitter = 1e-9 * np.diag(smoothing.prior).max() * np.eye(BASIS.shape[1])
     for weight in weights:
-        precision = weight * FORCE.roughness.T @ FORCE.roughness + PRIOR + jitter
+        precision = weight * BENDING.T @ BENDING + PRIOR + jitter
         covariance = np.eye(X.size) + BASIS @ np.linalg.solve(precision, BASIS.T)
         sign, determinant = np.linalg.slogdet(covariance)
         by_definition = X.size * np.log(data @ np.linalg.solve(covariance, data)) + determinant
@@ -94,3 +95,42 @@ def test_the_root_of_the_penalty_gives_the_same_estimate_as_further_data():
     stacked = np.linalg.lstsq(np.vstack([BASIS, root]), np.concatenate([data, np.zeros(len(root))]), rcond=None)[0]
     assert smoothing.coefficients(smoothing.weight) == pytest.approx(stacked, abs=1e-6)
     assert smoothing.penalty(smoothing.weight, stacked) == pytest.approx(float(np.sum((root @ stacked) ** 2)))
+
+
+def surface_problem(values, x, v, noise=1.0, seed=0):
+    """Data of a function of two arguments and noise, and the basis functions of a surface there."""
+    region = {DISPLACEMENT: (-1.0, 1.0), VELOCITY: (-1.0, 1.0)}
+    surface = free_force("mass", [DISPLACEMENT, VELOCITY], region)
+    basis = surface.matrix(x, v)
+    data = values + noise * np.random.default_rng(seed).standard_normal(x.size)
+    prior = basis.T @ basis / (x.size * 100.0**2)
+    return basis, Smoothing.of(basis, basis, data, x.size, surface.roughness, prior)
+
+
+def test_a_surface_is_as_rough_along_each_argument_as_it_has_to_be():
+    rng = np.random.default_rng(1)
+    x, v = rng.uniform(-1.0, 1.0, (2, 2000))
+    errors, freedom = [], []
+    for seed in range(10):
+        truth = 10.0 * x * np.sin(3.0 * v)  # straight along the first
+        basis, smoothing = surface_problem(truth, x, v, seed=seed)
+        errors.append(rms(basis @ smoothing.coefficients(smoothing.weight) - truth))
+        freedom.append(smoothing.effective_parameters(smoothing.weight))
+        along_x, along_v = smoothing.relative_weights
+        assert along_x > 1e4 * along_v
+    assert 8.0 < np.mean(freedom) < 18.0  # 16 functions are straight along it, of 64
+    assert np.mean(errors) < 1.2 * np.sqrt(np.mean(freedom) / x.size)
+
+
+def test_the_weights_of_a_surface_are_those_of_the_largest_restricted_likelihood():
+    rng = np.random.default_rng(1)
+    x, v = rng.uniform(-1.0, 1.0, (2, 800))
+    _, smoothing = surface_problem(5.0 * x**2 * v, x, v)
+    own = smoothing.weight * smoothing.relative_weights
+    least = smoothing.criterion(smoothing.weight)
+    for factors in ((0.1, 1.0), (10.0, 1.0), (1.0, 0.1), (1.0, 10.0), (10.0, 10.0), (0.1, 0.1)):
+        penalty = sum(w * f * square for w, f, square in zip(own, factors, smoothing.penalties, strict=True))
+        precision = smoothing.gram + penalty + smoothing.prior
+        left = smoothing.square - smoothing.moment @ np.linalg.solve(precision, smoothing.moment)
+        determinants = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(penalty + smoothing.prior)[1]
+        assert smoothing.freedom * np.log(left) + determinants > least - 0.05  # the grid has four weights a decade
