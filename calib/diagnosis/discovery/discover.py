@@ -12,8 +12,8 @@ import numpy as np
 from calib.diagnosis.bench import Bench, Run, simulated
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.discovery.formulas import FormulaTrial, formulas_of
-from calib.diagnosis.discovery.free_force import FreeForce, free_force
+from calib.diagnosis.discovery.formulas import FormulaTrial, expected_of_formulas, formulas_of
+from calib.diagnosis.discovery.free_force import SURFACE_COEFFICIENTS, FreeForce, free_force
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
 from calib.diagnosis.discovery.penalised import FreeModel, States, nested, penalised_fit, visited_states
 from calib.diagnosis.discovery.place import ForcePlace, force_places
@@ -44,6 +44,9 @@ from calib.study import CalibrationStudy
 
 FOUND, NOTHING, UNDETERMINED, NOT_DIAGNOSABLE = "found", "nothing", "undetermined", "not_diagnosable"
 FITS_PER_PLACE, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
+SIMULATIONS_PER_COEFFICIENT = 2.5  # of each record for its derivative, as measured  [count]
+DERIVATIVES_PER_SURFACE_FIT = 1.5  # by all coefficients, as measured  [count]
+EXPECTED_FORMULAS = 8  # that are refitted, as measured  [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,6 +242,8 @@ class _ForceSearch:
     def _searched(self, on_stage: Callable[[str], None]) -> Discovery:
         """Result of the search, but for curves of states."""
         on_stage("places")
+        coefficients = sum(len(force.coefficients) for force in self.forces.values())
+        self._foresee(scored=coefficients, fits=FITS_PER_PLACE, surfaces_scored=1)
         suspects, threshold = self._screened([self.candidates[f.name] for f in self.forces.values()])
         leading = _leading(suspects, threshold)
         if not leading and self._leaves_misfit(self.null):
@@ -251,14 +256,15 @@ class _ForceSearch:
         if not places:
             largest = max((abs(s.z) for s in suspects), default=0.0)
             return self._nothing(f"no free force is significant: the largest |z| is {largest:.1f} of {threshold:.1f}")
-        self.fitter.effort.foresee(self._expected(len(places)))
+        self._foresee(fits=len(places) * FITS_PER_PLACE, surfaces_scored=len(places))
         for body in self._within_budget(places):
             self._fit_place(body, on_stage)
         if all(self._leaves_misfit(trial.fitted.fit) for trial in self.trials):
             surfaces = places
         else:
             surfaces = self._surfaces_beside(places, on_stage)
-        for body in self._within_budget(surfaces):
+        for count, body in enumerate(self._within_budget(surfaces)):
+            self._foresee(surfaces_fitted=len(surfaces) - count)
             self._surface(body)
             self.trials.append(self._fitted(body, (OF_STATE,), on_stage))
         return self._judged(on_stage)
@@ -362,9 +368,15 @@ class _ForceSearch:
     def _excess(self, fit: Fit) -> float:
         return excess_chi2(self.fitter.evidence, fit)
 
-    def _expected(self, places: int) -> float:
-        """Expected number of simulations."""
-        return places * FITS_PER_PLACE * self.fitter.expected_simulations(4, STEPS_PER_FREE_FIT)
+    def _foresee(self, scored: int = 0, fits: int = 0, surfaces_scored: int = 0, surfaces_fitted: int = 0) -> None:
+        """Foresee scores of so many coefficients, fits of functions of one argument, surfaces, and the formulas."""
+        of_all = SIMULATIONS_PER_COEFFICIENT * len(self.fitter.evidence.parts)
+        derivatives = surfaces_scored + DERIVATIVES_PER_SURFACE_FIT * surfaces_fitted
+        self.fitter.effort.foresee(
+            of_all * (scored + derivatives * SURFACE_COEFFICIENTS)
+            + fits * self.fitter.expected_simulations(4, STEPS_PER_FREE_FIT)
+            + expected_of_formulas(self.fitter, EXPECTED_FORMULAS)
+        )
 
     # --- judgement ----------------------------------------------------------------------------------------------------
 
@@ -382,14 +394,18 @@ class _ForceSearch:
         predictions = [(trial, trial.left_out) for trial in improved if trial.left_out is not None]
         if null_left_out is None or not predictions:
             return replace(self._nothing(UNTESTED), verdict=UNDETERMINED)
-        _, best = min(predictions, key=lambda pair: pair[1].deviance)
+        leading, best = min(predictions, key=lambda pair: pair[1].deviance)
         if not best.is_better(null_left_out):
             text = (
                 "no free force predicts left-out records better: their predictive deviance is "
                 f"{best.deviance:.5g} with the best, {null_left_out.deviance:.5g} without"
             )
             return replace(self._nothing(text), null_left_out=null_left_out)
-        tied = [trial for trial, left_out in predictions if not best.is_better(left_out)]
+        tied = [
+            trial
+            for trial, left_out in predictions
+            if not best.is_better(left_out) or (left_out.is_better(null_left_out) and trial.stands_for(leading))
+        ]
         chosen = min(tied, key=lambda trial: (trial.complexity, trial.predictive_deviance))
         states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.place)
         rivals = tuple({t.body: t.place for t in tied if t.body != chosen.body}.values())

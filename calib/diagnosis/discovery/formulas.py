@@ -83,7 +83,7 @@ def formulas_of(
     problem = LinearisedForce(fitted)
     margin = CRITERIA.aic_tie * fitted.dispersion
     chosen = _refitted(selected_formulas(problem), fitted.dispersion, fitted.fit.chi2 + MAX_PREDICTED_RATIO * margin)
-    fitter.effort.foresee(len(chosen) * fitter.expected_simulations(SHORT_LENGTHS[-1], 1))
+    fitter.effort.foresee(expected_of_formulas(fitter, len(chosen)))
     trials: list[FormulaTrial] = []
     for round_number in range(1 + MAX_SIMPLIFIED):
         if round_number:
@@ -102,6 +102,11 @@ def formulas_of(
             if trial is not None:
                 trials.append(trial)
     return _judged(fitter, trials, fitted, left_out, problem.price)
+
+
+def expected_of_formulas(fitter: Fitter, count: int) -> float:
+    """Expected number of simulations for refits of so many formulas."""
+    return count * fitter.expected_simulations(SHORT_LENGTHS[-1], 1)
 
 
 def _simpler(problem: LinearisedForce, best: Sequence[FormulaTrial], known: Sequence[FormulaTrial]) -> list[Selected]:

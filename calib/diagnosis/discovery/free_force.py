@@ -22,6 +22,7 @@ SYMBOLS = {DISPLACEMENT: "x", VELOCITY: "v"}
 INTERVALS = {(DISPLACEMENT,): 12, (VELOCITY,): 16, (DISPLACEMENT, VELOCITY): 5}  # of each argument  [count]
 GRADE = 2.2  # exponent by which breakpoints of the velocity alone are denser at rest, where friction turns about  [1]
 DEGREE = 3  # of the splines
+SURFACE_COEFFICIENTS = (INTERVALS[DISPLACEMENT, VELOCITY] + DEGREE) ** 2
 
 
 @njit(cache=True)

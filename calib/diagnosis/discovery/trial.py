@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
 from calib.diagnosis.discovery.left_out import LeftOutMisfit
 from calib.diagnosis.discovery.penalised import PenalisedFit
@@ -66,6 +67,18 @@ class ForceTrial:
         if self.left_out is None or other.left_out is None:
             return False
         return self.left_out.is_better(other.left_out)
+
+    def stands_for(self, other: "ForceTrial") -> bool:
+        """Whether it has some of the functions of another at the same place, and the others fit no record better.
+
+        They do by more than a tie in quasi-AIC, with the effective parameters. A function that is nil in the fit to all
+        records may predict better for no more reason than the uncertainty that it brings.
+        """
+        if self.body != other.body or not set(self.arguments) < set(other.arguments):
+            return False
+        dispersion = min(self.fitted.dispersion, other.fitted.dispersion)
+        own, its = (t.chi2 / dispersion + 2.0 * t.fitted.effective_parameters for t in (self, other))
+        return own - its <= CRITERIA.aic_tie
 
 
 def described(arguments: Arguments, place: ForcePlace) -> str:

@@ -31,3 +31,18 @@ def test_a_surface_is_less_simple_than_a_sum():
     one, both, surface = (trial(own, 1.0) for own in ((OF_VELOCITY,), (OF_DISPLACEMENT, OF_VELOCITY), (OF_STATE,)))
     assert one.complexity < both.complexity < surface.complexity
     assert explained_share(0.0, 5.0) < 0.0
+
+
+def test_a_further_function_has_to_fit_better_too():
+    def fitted(arguments, chi2, effective, name="mass"):
+        fit = SimpleNamespace(fit=SimpleNamespace(chi2=chi2), effective_parameters=effective, dispersion=1.0)
+        return ForceTrial(SimpleNamespace(name=name), arguments, fit, None)
+
+    one = fitted((OF_DISPLACEMENT,), 1000.0, 5.0)
+    both = (OF_DISPLACEMENT, OF_VELOCITY)
+    assert one.stands_for(fitted(both, 999.0, 6.0))  # by 1 - 2
+    assert one.stands_for(fitted(both, 990.0, 7.5))  # by 10 - 5
+    assert not one.stands_for(fitted(both, 988.0, 7.5))  # by 12 - 5
+    assert not one.stands_for(fitted(both, 1000.0, 6.0, "layer"))
+    assert not one.stands_for(fitted((OF_VELOCITY,), 1000.0, 5.0))
+    assert not fitted(both, 1000.0, 6.0).stands_for(one)
