@@ -92,13 +92,27 @@ class Objective:
     def on(self, references: Mapping[str, Reference]) -> "Objective":
         """Return the same terms over other references, all of them scored, whatever their use.
 
-        A term of named records keeps those that are there; where none is, it is taken for all.
+        A term of named records keeps those that are there; where none is, it is taken for all that it can compare.
+
+        Raises
+        ------
+        CalibError : a term that names no records cannot compare one of these, or none of the others can
         """
         scored = {name: replace(reference, use="calibrate") for name, reference in references.items()}
-        terms = []
+        terms, refusal = [], None
         for term in self.terms:
             present = tuple(name for name in term.records or () if name in scored)
-            terms.append(replace(term, records=present or None))
+            taken = replace(term, records=present or None)
+            try:
+                Objective(scored, [taken])
+            except CalibError as error:
+                if term.records is None or present:
+                    raise
+                refusal = error
+            else:
+                terms.append(taken)
+        if refusal is not None and not terms:
+            raise refusal
         return Objective(scored, terms)
 
     def with_free_trigger(self, name: str) -> "Objective":

@@ -483,6 +483,17 @@ def test_the_same_terms_score_other_records():
     assert set(score.terms) == {"phase_curve", "amplitude in one"}
 
 
+def test_a_term_of_named_records_is_left_out_where_it_cannot_compare_another():
+    references = {"one": Reference("one", clapping()), "bare": Reference("bare", clapping().drop_vars("velocity"))}
+    terms = [Term(PhaseCurve(["displacement"])), Term(TimeHistory(["velocity"]), records=["one"])]
+    both, other = Objective(references, terms), {"two": Reference("two", clapping().drop_vars("velocity"), "holdout")}
+    assert set(both.on(other)({"two": simulated()}).terms) == {"phase_curve"}
+    with pytest.raises(CalibError, match="velocity"):
+        Objective({"one": references["one"]}, terms[1:]).on(other)
+    with pytest.raises(CalibError, match="velocity"):
+        Objective({"one": references["one"]}, [terms[0], Term(TimeHistory(["velocity"]))]).on(other)
+
+
 def test_other_records_are_aligned_but_not_scored():
     references = {
         "one": Reference("one", clapping()),
