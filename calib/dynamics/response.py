@@ -272,12 +272,18 @@ class _LevelSearch:
         if 0 < kind.period <= MAX_SUBHARMONIC:
             self._follow(frequency, kind.state, kind.period)
         else:
-            met = Irregular(self.level, frequency, kind.kind, kind.evidence)
-            if not any((one.frequency, one.kind) == (met.frequency, met.kind) for one in self.irregular):
-                self.irregular.append(met)
+            self._keep(frequency, kind.kind, kind.evidence)
+
+    def _keep(self, frequency: float, kind: str, evidence: str) -> None:
+        """Keep a motion among those that no branch follows."""
+        if not any((one.frequency, one.kind) == (frequency, kind) for one in self.irregular):
+            self.irregular.append(Irregular(self.level, frequency, kind, evidence))
 
     def _follow(self, frequency: float, state: np.ndarray, periods: int) -> None:
-        if len(self.branches) >= MAX_BRANCHES or self._is_known(frequency, state, periods):
+        if self._is_known(frequency, state, periods):
+            return
+        if len(self.branches) >= MAX_BRANCHES:
+            self._keep(frequency, f"beyond the {MAX_BRANCHES} branches that are followed at a level", "")
             return
         branch = self._followed(frequency, state, periods)
         if not branch.parameter.size:

@@ -9,6 +9,7 @@ from dynamics.plain_maps import PlainMap
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
+import calib.dynamics.response
 from calib.dynamics.response import frequency_response
 from calib.dynamics.response_dataset import response_dataset
 from calib.dynamics.setting import Setting
@@ -148,6 +149,15 @@ def test_the_motion_comes_to_the_stop_where_its_amplitude_is_the_gap():
     assert any(one.branch.stable.any() for one in knocking)
     for one in knocking:
         assert np.abs(one.harmonics[0, 0]).max() > 1e-5  # the stop is on one side
+
+
+def test_motions_beyond_the_branches_that_are_followed_are_told(monkeypatch):
+    monkeypatch.setattr(calib.dynamics.response, "MAX_BRANCHES", 1)
+    response = frequency_response(setting(stop=True, gap=0.02, restitution=0.6), (2.0, 5.0), [0.8], steps=9)
+    assert len(response.branches) == 1
+    beyond = [met for met in response.irregular if met.kind.startswith("beyond the 1 branches")]
+    assert beyond
+    assert all(2.0 <= met.frequency <= 5.0 for met in beyond)
 
 
 # --- curves apart from the others
