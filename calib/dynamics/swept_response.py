@@ -144,6 +144,7 @@ def level_over_frequency(frequency: np.ndarray, level: np.ndarray) -> Callable[[
     curve = PchipInterpolator(known, values)
     ends = {at: (float(curve(at)), float(curve(at, 1))) for at in (float(known[0]), float(known[-1]))}
 
+    @lru_cache(maxsize=8)  # the equations at one frequency are asked for several times, one after the other
     def at_frequency(at: float) -> float:
         inside = min(max(at, float(known[0])), float(known[-1]))
         if inside == at:
