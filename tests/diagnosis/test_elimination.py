@@ -14,18 +14,30 @@ STD = float(np.sqrt(2.0 * SAMPLES))
 
 
 class Linear:
-    """Stands in for a fitter: causes of orthogonal signatures, each of which explains a chi-square of its own."""
+    """Stands in for a fitter: causes of orthogonal signatures, each of which explains a chi-square of its own.
 
-    def __init__(self, own, remaining, spent=False):
-        self.own, self.remaining = own, remaining
+    unreliable : chi-square of all models where their simulations are not reliable
+    """
+
+    def __init__(self, own, remaining, spent=False, unreliable=0.0):
+        self.own, self.remaining, self.unreliable = own, remaining, unreliable
         self.effort = SimpleNamespace(spent=spent)
-        self.evidence = SimpleNamespace(counted=lambda: float(SAMPLES))
+        self.reliable = SimpleNamespace(counted=lambda: float(SAMPLES))
+        self.evidence = SimpleNamespace(with_weights=lambda simulated: self.reliable)
 
     def fit(self, names):
         """Model with these causes, which leaves what the others explain."""
         left = self.remaining + sum(chi2 for name, chi2 in self.own.items() if name not in names)
         nothing = np.zeros((0, 0))
-        return SimpleNamespace(chi2=SAMPLES + left, columns=nothing, nuisances=nothing, names=["stiffness", *names])
+
+        def chi2_over(evidence):
+            assert evidence is self.reliable
+            return SAMPLES + left
+
+        return SimpleNamespace(
+            chi2=SAMPLES + left + self.unreliable, chi2_over=chi2_over, point=SimpleNamespace(simulated={}),
+            columns=nothing, nuisances=nothing, names=["stiffness", *names],
+        )  # fmt: skip
 
     def with_derivatives(self, fit):
         return fit
@@ -34,9 +46,9 @@ class Linear:
         return (task(self) for task in tasks)
 
 
-def left(own, remaining, monkeypatch, spent=False, sizes=lambda evidence, fit: (), before=0.0):
+def left(own, remaining, monkeypatch, spent=False, sizes=lambda evidence, fit: (), before=0.0, unreliable=0.0):
     """Elimination of causes that explain so much, of these constancies; others explained more that went before."""
-    fitter = Linear(own, remaining, spent)
+    fitter = Linear(own, remaining, spent, unreliable)
     monkeypatch.setattr(elimination, "without_cause", lambda fitter, null, final, cause, others: fitter.fit([*others]))
     causes = tuple((SimpleNamespace(name=n, candidate=n, chi2_reduction=chi2), ()) for n, chi2 in own.items())
     monkeypatch.setattr(elimination, "constancies", sizes)
@@ -82,6 +94,12 @@ def test_each_cause_explains_twice_what_all_may_leave_or_goes_the_weakest_first(
         assert one.share == pytest.approx(own[one.effect] / (own[one.effect] + may_remain))
         remaining += own[one.effect]
     assert tuple(others) == kept
+
+
+def test_what_a_model_leaves_where_simulations_are_not_reliable_is_no_remainder(monkeypatch):
+    """As beside the impacts, whose instants a model error shifts."""
+    assert left({"drag": 9000.0}, 1000.0, monkeypatch, unreliable=50_000.0).is_explained
+    assert not left({"drag": 1900.0}, 1000.0, monkeypatch, unreliable=-900.0).is_explained
 
 
 def test_what_was_left_out_before_remains(monkeypatch):

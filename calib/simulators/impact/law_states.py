@@ -21,7 +21,8 @@ STATE_DIFFERENCE = 1e-6  # of the size of a state, for the derivatives by it
 MAX_MARCHED_PERIODS = 40  # over which states are marched until they repeat
 PLAIN_PERIODS = 2  # of these without Newton's method: friction forgets its start within one
 REPEATED = 1e-10  # change over a period over the size of a state
-STEP_CORRECTIONS = 12  # of Newton's method in one step, its derivative that at the step before
+STEP_CORRECTIONS = 12  # of Newton's method in one step
+QUICK_CORRECTIONS = 3  # of these with the derivative of an earlier step, before it is taken anew
 STEP_CORRECTED = 1e-11  # correction over the size of a state
 START_PERTURBATION, MAX_MISSED = 1e-5, 0.2  # of the start, in sizes of the states; of what it does over a period  [1]
 NEUTRAL = 1e-9  # singular value of I - M below which a state keeps its start: a slider that does not slide
@@ -178,9 +179,10 @@ def _marched(
         for i in range(count):
             path[i, j] = z[i]
             known[i] = z[i] + half * dz[i]
-        _rates_by_state(law, p, times[k], x[k], v[k], size, z, dz, slope, of_force)
-        _invert(slope, half, inverse)
-        for _ in range(STEP_CORRECTIONS):
+        for number in range(STEP_CORRECTIONS):
+            if number == QUICK_CORRECTIONS or (j == 0 and number == 0):
+                _rates_by_state(law, p, times[k], x[k], v[k], size, z, dz, slope, of_force)
+                _invert(slope, half, inverse)
             force(law, times[k], x[k], v[k], p, z, dz)
             largest = 0.0
             for i in range(count):
@@ -227,11 +229,25 @@ def _linearised(
 
 @njit(**COMPILED)
 def _invert(slope: np.ndarray, step: float, inverse: np.ndarray) -> None:
-    """Write the inverse of I - step slope (count, count)."""
-    if slope.shape[0] == 1:
-        inverse[0, 0] = 1.0 / (1.0 - step * slope[0, 0])
-    else:
-        inverse[:] = np.linalg.inv(np.eye(slope.shape[0]) - step * slope)
+    """Write the inverse of I - step slope (count, count), by Gauss and Jordan: for so few states LAPACK is slower.
+
+    Without pivoting: rates of states hardly depend on other states, so that the diagonal dominates.
+    """
+    count = slope.shape[0]
+    for i in range(count):
+        for k in range(count):
+            inverse[i, k] = (1.0 if i == k else 0.0) - step * slope[i, k]
+    for i in range(count):
+        pivot = 1.0 / inverse[i, i]
+        inverse[i, i] = 1.0
+        for k in range(count):
+            inverse[i, k] *= pivot
+        for j in range(count):
+            if j != i:
+                factor = inverse[j, i]
+                inverse[j, i] = 0.0
+                for k in range(count):
+                    inverse[j, k] -= factor * inverse[i, k]
 
 
 @njit(**COMPILED)
