@@ -27,7 +27,7 @@ MIN_LEFT_SHARE = 0.01  # of the length of a change that calibration has to leave
 NULL_SPACE_TOLERANCE = 1e-9  # singular value over the largest, below which a function is not penalised  [1]
 RELATIVE_JITTER = 1e-9  # of the largest eigenvalue, added where a matrix has to be positive definite  [1]
 WEIGHT_DECADES = -8.0, 6.0, 57  # of the weights that are tried, over that of which both terms have the same trace
-MAX_ROUNDS = 4  # in which the weights are chosen one after the other  [count]
+MAX_WEIGHT_ROUNDS = 4  # in which the weights are chosen one after the other  [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ class Smoothing:
             return np.ones(1)
         grids = [self._grid(own) for own in self.penalties]
         weights = min((np.array(one) for one in zip(*grids, strict=True)), key=self._criterion_at)
-        for _ in range(MAX_ROUNDS):
+        for _ in range(MAX_WEIGHT_ROUNDS):
             before = weights
             for j, grid in enumerate(grids):
                 weights = min((_replaced(weights, j, w) for w in grid), key=self._criterion_at)

@@ -80,6 +80,6 @@ def test_names_are_those_that_the_model_does_not_have():
 
 def test_a_term_that_chance_prefers_is_not_taken():
     """Of some thirty terms the best reduces chi-square by 2 ln 30 in noise: AIC would take it in one of three."""
-    first = [trials(-10.0 * STATES.x * np.abs(STATES.x), seed)[0] for seed in range(1, 13)]
-    assert sum(trial.formula.text == "c1 x |x|" for trial in first) >= 11
+    first = [trials(-10.0 * STATES.x * np.abs(STATES.x), seed)[0] for seed in range(1, 9)]
+    assert sum(trial.formula.text == "c1 x |x|" for trial in first) >= 7
     assert all(len(trial.formula.terms) == 1 for trial in first)
