@@ -67,6 +67,7 @@ CHOICES = (
 )  # fmt: skip
 LOOKS: tuple[Any, Any] = ((0, (3, 2)), "-")  # of their lines
 DRAWN = ("linear", "power_law_damping + softening + cubic_stiffness")
+LEGEND_ROOM = 1.25  # height of an axis over that of its curves  [1]
 CALIBRATED = {  # of study.joint.toml, by `calib run`
     "mass": 1.9265, "stiffness": 492246.0, "damping": 2.7893, "power_damping": 279.72, "power_exponent": 2.9236,
     "kx": -3.2513e7, "k3": 1.29019e11,
@@ -234,8 +235,9 @@ def drawn(measured: dict[str, list[Level]], fits: dict[str, Fit]) -> Figure:
                 axes.plot(level.frequency, level.force, "o", color=colour, markersize=2.5, label=level.name)
                 for fit, look in zip(fits.values(), LOOKS, strict=True):
                     axes.plot(level.frequency, np.abs(fit.force(level)), color=colour, linewidth=1.0, linestyle=look)
-            axes.set(xlabel="Frequency [Hz]", title={"held": "Calibrated"}.get(name, "Predicted"), ylim=(0.0, None))
-            axes.legend(fontsize=7, loc="best")
+            axes.set(xlabel="Frequency [Hz]", title={"held": "Calibrated"}.get(name, "Predicted"))
+            axes.set_ylim(0.0, LEGEND_ROOM * axes.get_ylim()[1])
+            axes.legend(fontsize=7, loc="upper center", ncols=2)
         handles = [Line2D([], [], color="#333333", linewidth=1.0, linestyle=look) for look in LOOKS]
         figure.legend(handles, list(fits), loc="outside lower center", ncols=2, fontsize=7)
         figure.axes[0].set_ylabel("Force [N]")
