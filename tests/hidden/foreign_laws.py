@@ -12,10 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 from hidden import four_dof, oscillator
-from hidden.flight import Plant
+from hidden.flight import Laws, Plant
 from hidden.hider import study
 from hidden.information import Bench
 from hidden.motion import Refused
+from hidden.motion import repeating as without_law
 from hidden.system import Plan, System
 from numba import njit
 from scipy.integrate import DOP853
@@ -218,6 +219,8 @@ def flown(plant: Plant, law: Callable[[float, float], float], row: int, state: n
 def repeating(plant: Plant, law: Callable[[float, float], float], row: int, period: float) -> np.ndarray:
     """State (2 d,) at time zero of the motion that repeats after one period: settled, then Newton's method.
 
+    Several bodies with a stop begin in their motion without the law: from rest they chatter.
+
     Raises
     ------
     Refused : it is not found
@@ -225,7 +228,8 @@ def repeating(plant: Plant, law: Callable[[float, float], float], row: int, peri
     n = plant.load.size
     size = np.concatenate([np.full(n, plant.length), np.full(n, plant.speed)])
     linear = n == 1 and not np.isfinite(plant.gap)
-    y = np.zeros(2 * n)
+    of_several = n > 1 and np.isfinite(plant.gap)
+    y = without_law(plant, Laws(), period).state if of_several else np.zeros(2 * n)
 
     def after(state, count=1):
         return flown(plant, law, row, state, np.array([0.0, count * period])).states[-1]
