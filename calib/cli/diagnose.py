@@ -112,7 +112,8 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
         for line in _design(diagnosis):
             console.print(escape(line), soft_wrap=True)
     if diagnosis.verdict == UNEXPLAINED:
-        console.print("calib discover looks for a force that no effect has, as a free function, in records over time", soft_wrap=True)
+        hint = "calib discover looks for a force that no effect has, as a free function, in records over time"
+        console.print(hint, soft_wrap=True)
     console.print(f"{diagnosis.simulations} simulations in {diagnosis.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:

@@ -33,7 +33,7 @@ REFINE = (
 
 DISCOVER_REST = (
     "What the extended model leaves may be a force that no effect has: calibrate it (calib run); calib discover then "
-    "looks for that force as a free function beside the effects that were named."
+    "looks, in records over time, for that force as a free function beside the effects that were named."
 )
 
 
@@ -89,8 +89,8 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
         )
     if diagnosis.verdict == UNEXPLAINED:
         own = (
-            "calib discover looks for the force that is missing, as a free function on each body; an effect that is "
-            "no candidate yet is added as one file (calib new effect)."
+            "calib discover looks, in records over time, for the force that is missing, as a free function on each body; "
+            "an effect that is no candidate yet is added as one file (calib new effect)."
         )
         if not takes_laws:
             own = (
