@@ -89,7 +89,7 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
         )
     if diagnosis.verdict == UNEXPLAINED:
         own = (
-            "calib discover looks, in records over time, for the force that is missing, as a free function on each body; "
+            "calib discover looks, in records over time, for the missing force, as a free function on each body; "
             "an effect that is no candidate yet is added as one file (calib new effect)."
         )
         if not takes_laws:
