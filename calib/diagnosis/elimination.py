@@ -17,7 +17,7 @@ import numpy as np
 
 from calib.diagnosis.constancy import Constancy, constancies, differing
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.excess import chi2_std, degrees_of_freedom, significant
+from calib.diagnosis.excess import chi2_std, excess_over, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import without_cause
@@ -143,7 +143,7 @@ def _rise(fitter: Fitter, final: Fit, model: Fit) -> float:
 def _excess(fitter: Fitter, null: Fit, now: Elimination) -> tuple[float, float]:
     """Excess chi-square where the simulations of the calibrated model are reliable too, and its standard deviation."""
     common = fitter.evidence.with_weights([null.point.simulated, now.final.point.simulated])
-    return now.final.chi2_over(common) - degrees_of_freedom(common, now.final), chi2_std(common)
+    return excess_over(common, now.final), chi2_std(common)
 
 
 def _remaining(fitter: Fitter, null: Fit, now: Elimination, attained: float) -> float:

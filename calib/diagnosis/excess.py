@@ -17,6 +17,11 @@ def excess_chi2(evidence: Evidence, fit: Fit) -> float:
     return fit.chi2 - degrees_of_freedom(evidence, fit)
 
 
+def excess_over(evidence: Evidence, fit: Fit) -> float:
+    """Return the same over (other) evidence, such as where the simulations of another model are reliable too."""
+    return fit.chi2_over(evidence) - degrees_of_freedom(evidence, fit)
+
+
 def chi2_std(evidence: Evidence) -> float:
     """Standard deviation of the chi-square of noise alone."""
     return float(np.sqrt(2.0 * evidence.counted()))

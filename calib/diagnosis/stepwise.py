@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.diagnosis.constancy import constancies
 from calib.diagnosis.elimination import Elimination, eliminated
-from calib.diagnosis.excess import chi2_std, degrees_of_freedom, significant
+from calib.diagnosis.excess import chi2_std, excess_over, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.harmonic_excess import harmonic_excess
 from calib.diagnosis.refit import Fitter
@@ -84,7 +84,7 @@ def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
     """Compare the calibrated and the final model where the simulations of both are reliable."""
     null, final, causes, elimination = state.null, state.final, state.causes, state.elimination
     common = fitter.evidence.with_weights([null.point.simulated, final.point.simulated])
-    excess, std = null.chi2_over(common) - degrees_of_freedom(common, null), chi2_std(common)
+    excess, std = excess_over(common, null), chi2_std(common)
     named = {rival.name for _, rivals in causes for rival in rivals}
     return Selection(
         rounds=state.rounds,
@@ -94,7 +94,7 @@ def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
         alternatives=tuple(rivals for _, rivals in causes),
         is_explained=state.is_explained if causes else not significant(excess, std),
         excess_chi2=excess,
-        remaining_chi2=final.chi2_over(common) - degrees_of_freedom(common, final),
+        remaining_chi2=excess_over(common, final),
         chi2_std=std,
         harmonics=harmonic_excess(fitter.evidence, final),
         constancy=constancies(fitter.evidence, final) if causes else (),

@@ -2,7 +2,7 @@
 
 The unknowns z (d,), the last of which are parameters between 0 and 1, run along the curve of the d - 1 equations
 residual(z) = 0. From a point with the unit tangent t the next is sought at t . (z - guess) = 0 with the guess a step
-ahead (Keller 1977): on the cubic through the last two points with their tangents, where they are far enough apart.
+ahead (Keller 1977), which the curve predicts: on its tangent, or on the cubic through the last two points.
 """
 
 import math
@@ -87,6 +87,13 @@ class SolutionCurve(Protocol[P]):
         """Point at a solution, its tangent along `heading` (d,); None where the derivative is not known."""
         ...
 
+    def predicted(self, base: P, before: P, step: float) -> np.ndarray:
+        """Guess (d,) a step ahead of `base`, by `along_tangent` or `along_cubic`.
+
+        before : the point before `base`, or `base` where there is none
+        """
+        ...
+
     def obstacle(self, base: P, point: P) -> str:
         """Why `point` is not the next one after `base`; empty where it is."""
         ...
@@ -157,6 +164,27 @@ def near(
     return point, "" if point else "the motion fails beside the cycle"
 
 
+def along_tangent(base: CurvePoint, step: float) -> np.ndarray:
+    """Guess (d,) a step ahead of `base` on its tangent."""
+    return base.z + step * base.tangent
+
+
+def along_cubic(base: CurvePoint, before: CurvePoint, step: float) -> np.ndarray:
+    """Guess (d,) a step ahead of `base` on the cubic through it and the point before, with their tangents.
+
+    On the tangent where the points are close together or the curve bends sharply.
+    """
+    straight = along_tangent(base, step)
+    distance = float(np.linalg.norm(base.z - before.z))
+    if distance < MIN_PREDICTOR_SPACING * abs(step):
+        return straight
+    chord = (base.z - before.z) / distance
+    second = (2.0 * base.tangent + before.tangent - 3.0 * chord) / distance
+    third = (base.tangent + before.tangent - 2.0 * chord) / distance**2
+    bend = step**2 * (second + step * third)
+    return straight + bend if np.linalg.norm(bend) <= MAX_PREDICTOR_BEND * abs(step) else straight
+
+
 def roots(curve: SolutionCurve[P], base: P, ahead: P, tests: Mapping[str, Test[P]]) -> list[tuple[str, P]] | None:
     """Points between two neighbours at which a test changes sign, in their order; None where the curve is lost."""
     located = []
@@ -199,14 +227,14 @@ def root(curve: SolutionCurve[P], base: P, ahead: P, test: Test[P]) -> P | None:
 def _ahead(curve: SolutionCurve[P], base: P, before: P, step: float) -> tuple[P | None, str]:
     """Next point, a step ahead of `base` or on the edge of the window before that; None and why without one.
 
-    before : the point before `base`, or `base` where there is none
+    before : see `SolutionCurve.predicted`
     """
     normal = base.tangent
     share, edge = 1.0, -1
     for i, (z, t) in enumerate(_parameters(curve, base), start=base.z.size - curve.parameters):
         if not 0.0 < z + step * t < 1.0 and (float(t > 0.0) - z) / (step * t) <= share:
             share, edge = (float(t > 0.0) - z) / (step * t), i
-    guess = _predicted(base, before, share * step)
+    guess = curve.predicted(base, before, share * step)
     if edge >= 0:
         guess[edge], normal = float(base.tangent[edge] > 0.0), np.eye(guess.size)[edge]
     point, reason = near(curve, guess, normal, base.tangent, 0.5 * step)
@@ -216,22 +244,6 @@ def _ahead(curve: SolutionCurve[P], base: P, before: P, step: float) -> tuple[P 
     if not reason and point.tangent @ base.tangent < MIN_TANGENT_COSINE:
         reason = "the branch has a corner"
     return (None, reason) if reason else (point, "")
-
-
-def _predicted(base: P, before: P, step: float) -> np.ndarray:
-    """Guess (d,) a step ahead of `base`: on the cubic through it and the point before, or on its tangent.
-
-    On the tangent where the points are close together or the curve bends sharply, as beside a cycle of half the period.
-    """
-    straight = base.z + step * base.tangent
-    distance = float(np.linalg.norm(base.z - before.z))
-    if distance < MIN_PREDICTOR_SPACING * abs(step):
-        return straight
-    chord = (base.z - before.z) / distance
-    second = (2.0 * base.tangent + before.tangent - 3.0 * chord) / distance
-    third = (base.tangent + before.tangent - 2.0 * chord) / distance**2
-    bend = step**2 * (second + step * third)
-    return straight + bend if np.linalg.norm(bend) <= MAX_PREDICTOR_BEND * abs(step) else straight
 
 
 def _parameters(curve: SolutionCurve[P], point: P) -> list[tuple[float, float]]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.arclength import Mark, OneWay, root, run
+from calib.dynamics.arclength import Mark, OneWay, along_cubic, root, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.orbits import newton
 from calib.dynamics.response import AMPLITUDE, FREQUENCY
@@ -250,6 +250,10 @@ class _HeldCurve:
         clearance = self.held.balance.clearance(y, drive)
         tangent = null_vector(matrix, heading)
         return SeriesMotion(z, tangent, multipliers, matrix, len(steps) - 1, clearance, self.parameters)
+
+    def predicted(self, base: SeriesMotion, before: SeriesMotion, step: float) -> np.ndarray:
+        """Guess on the cubic through the last two points."""
+        return along_cubic(base, before, step)
 
     def obstacle(self, base: SeriesMotion, point: SeriesMotion) -> str:
         """Nothing."""

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.arclength import CLOSED, CurvePoint, Mark, OneWay, Test, root, roots, run
+from calib.dynamics.arclength import CLOSED, CurvePoint, Mark, OneWay, Test, along_tangent, root, roots, run
 from calib.dynamics.grazing import extrapolated, impacts_differ, section_hint
 from calib.dynamics.orbits import SAME_STATE_DISTANCE, Cycle, checked_guess, cycle_at, reduced, shoot
 from calib.dynamics.tangent import jacobian
@@ -237,6 +237,10 @@ class _Curve:
         """Whether the motion returns after a part of the periods already, as one that a long step reaches may do."""
         parts = [point.cycle.orbit.states[n - 1] for n in range(1, self.periods) if self.periods % n == 0]
         return any(np.abs(state / self.scale - point.z[:-1]).max() < SAME_STATE_DISTANCE for state in parts)
+
+    def predicted(self, base: _CurvePoint, before: _CurvePoint, step: float) -> np.ndarray:
+        """Guess on the tangent: beside a cycle of half the period a curve bends sharply."""
+        return along_tangent(base, step)
 
     def obstacle(self, base: _CurvePoint, point: _CurvePoint) -> str:
         if impacts_differ(base.cycle, point.cycle):

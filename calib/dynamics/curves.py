@@ -13,7 +13,17 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-from calib.dynamics.arclength import CLOSED, EDGE_ROUNDING, MAX_NEWTON_STEPS, Mark, OneWay, near, roots, run
+from calib.dynamics.arclength import (
+    CLOSED,
+    EDGE_ROUNDING,
+    MAX_NEWTON_STEPS,
+    Mark,
+    OneWay,
+    along_tangent,
+    near,
+    roots,
+    run,
+)
 from calib.dynamics.branch import FROM_FLIP, Branch, Special
 from calib.dynamics.codimension import (
     AT_GRAZING,
@@ -219,6 +229,10 @@ class _Locus:
             MAX_NEWTON_STEPS,
         )
         return None if reason else z
+
+    def predicted(self, base: LocusPoint, before: LocusPoint, step: float) -> np.ndarray:
+        """Guess on the tangent."""
+        return along_tangent(base, step)
 
     def obstacle(self, base: LocusPoint, point: LocusPoint) -> str:
         if impacts_differ(base.cycle, point.cycle):

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from calib.dynamics.arclength import Mark, root, roots
+from calib.dynamics.arclength import Mark, along_cubic, root, roots
 from calib.dynamics.branch import TESTS, evidence
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.orbits import newton
@@ -132,6 +132,10 @@ class SeriesCurve:
         multipliers = self.balance.multipliers(y, omega, amplitude)
         clearance = self.balance.clearance(y, amplitude)
         return SeriesMotion(z, tangent, multipliers, matrix, len(steps) - 1, clearance)
+
+    def predicted(self, base: SeriesMotion, before: SeriesMotion, step: float) -> np.ndarray:
+        """Guess on the cubic through the last two points."""
+        return along_cubic(base, before, step)
 
     def obstacle(self, base: SeriesMotion, point: SeriesMotion) -> str:
         """Nothing: series of coefficients depend smoothly on one another."""

@@ -104,10 +104,9 @@ class Objective:
             present = tuple(name for name in term.records or () if name in scored)
             taken = replace(term, records=present or None)
             try:
-                Objective(scored, [taken])
+                if term.records is not None and not present:
+                    Objective(scored, [taken])
             except CalibError as error:
-                if term.records is None or present:
-                    raise
                 refusal = error
             else:
                 terms.append(taken)
