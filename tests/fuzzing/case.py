@@ -22,7 +22,7 @@ from calib.errors import CalibError
 
 MAX_SECONDS = 20  # s, processor time of a case
 MAX_WAIT = 100.0  # s, wall-clock time of a case: on a machine whose cores are shared, it is longer
-MAX_BYTES = 700_000_000  # of a case, beyond those of the process that forks: 1 GB with the 300 MB of calib itself
+MAX_BYTES = 700_000_000  # of a case, beyond the anonymous ones of the process that forks
 ADDRESS_SPACE = 6 * 2**30  # bytes beyond those of the process that forks; above it, memory is refused
 MAX_MESSAGE = 20_000  # characters of a refusal
 NOTES = "notes"  # file beside the folder of a case, of what it touched outside
@@ -72,7 +72,7 @@ class Outcome:
     status : "read", "refused", or what is wrong with it
     detail : message or traceback
     signature : by which failures of one cause are recognised; empty where it is good
-    seconds, bytes : processor time, and the largest memory of the process beyond that of the one that forks
+    seconds, bytes : processor time, and the largest memory of the process beyond the anonymous one of that which forks
     """
 
     kind: str
@@ -167,7 +167,7 @@ def write_files(files: Mapping[str, bytes], folder: Path) -> None:
 def in_child(kind: Kind, folder: Path) -> Outcome:
     """Read a folder in a forked child process, within limits of time and memory."""
     ours, theirs = os.pipe()
-    begin, own = time.monotonic(), _resident_bytes()
+    begin, own = time.monotonic(), _anonymous_bytes()
     child = os.fork()
     if child == 0:
         os.close(ours)
@@ -196,8 +196,10 @@ def in_child(kind: Kind, folder: Path) -> Outcome:
     return outcome
 
 
-def _resident_bytes() -> int:
-    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+def _anonymous_bytes() -> int:
+    """Resident memory that a forked process has from its beginning; pages of files it has once it touches them."""
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    return int(status["RssAnon"].split()[0]) * 1024
 
 
 def _answer(pipe: int, begin: float) -> tuple[str, bool]:
