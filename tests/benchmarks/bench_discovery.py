@@ -14,6 +14,9 @@ error      root mean square of the force found less the true one over that of th
            simulations of the records visit. What the calibrated stiffness and damping have taken is a part of the
            force: by their known change in the oscillator, by the best multiples of x and v in four_dof
 formula    the same of the first formula where it predicts as well as the free function, which is written then
+stated     the same of the force with its band: the formula and what the records add to it, where there is one, else the
+           free function; and the share of the states at which the 95 % band covers the true law. Beside the law less
+           what calibration absorbs
 held out   misfit of the record held out (root mean square over the noise) over that of the model that was told: the
            true law as an effect whose level is free, fitted to the same records; by the free function and the formula
 CPU s      of the search, calibration excluded
@@ -46,6 +49,7 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.preparation import NotDiagnosable, bench_of, prepared
 from calib.diagnosis.speculation import SpeculativePool
 from calib.execution.pool import InProcess
+from calib.report.formatting import HALF_WIDTH_ERRORS_95
 from calib.store import Store
 from calib.study import evaluate
 from calib.study_file import StudyFile, load
@@ -112,6 +116,7 @@ def scored(at: Written, law: Hidden, name: str) -> Case:
         if law.kind:
             x, v = found.states.x, found.states.v
             row |= {"error": error(found, law, name, x, v), "formula_error": formula_error(found, law, name, x, v)}
+            row |= stated(found, law, x, v)
     if law.kind:
         row |= {"misfits": held_out_misfits(at, found, file, values, law, name)}
     return row
@@ -152,6 +157,23 @@ def formula_error(found: Discovery, law: Hidden, name: str, x: np.ndarray, v: np
     if trial is None or found.chosen is None or found.chosen.body != law.body:
         return error(found, law, name, x, v)
     return _relative_error(trial.formula.values(x, v), trial.fit, law, name, x, v)
+
+
+def stated(found: Discovery, law: Hidden, x: np.ndarray, v: np.ndarray) -> dict[str, float | None]:
+    """Relative error of the force that is stated over states (n,), and share of them at which its 95 % band covers.
+
+    Both beside the true law less the same linear functions, which calibration absorbs.
+    """
+    chosen = found.chosen
+    if chosen is None or chosen.body != law.body:
+        return {"stated_error": None, "covered": None}
+    model, absorbed = chosen.fitted.model, chosen.fitted.smoothing.absorbed
+    taken = np.linalg.pinv(model.visited @ absorbed) @ law.at(model.states.x, model.states.v)
+    true = law.at(x, v)
+    force, deviation = (found.partial_spline or chosen.fitted).surface(x, v)
+    apart = force - true + model.matrix(x, v) @ absorbed @ taken
+    covered = np.abs(apart) <= HALF_WIDTH_ERRORS_95 * deviation
+    return {"stated_error": float(np.sqrt(np.mean(apart**2) / np.mean(true**2))), "covered": float(covered.mean())}
 
 
 def _relative_error(force: np.ndarray, fit: Fit, law: Hidden, name: str, x: np.ndarray, v: np.ndarray) -> float:
@@ -230,6 +252,8 @@ def line(row: Case) -> str:
     text = f"{law}: {row['verdict']} {functions.replace('d', 'x')}"
     if row.get("error") is not None:
         text += f", error {row['error']:.1%}"
+    if row.get("stated_error") is not None:
+        text += f", stated {row['stated_error']:.1%}, covered {row['covered']:.0%}"
     if row.get("formula"):
         text += f", {row['formula']}: {row['formula_error']:.1%}"
     if ratio(row) is not None:
@@ -263,6 +287,8 @@ def _rates(rows: list[Case], noise: float) -> list[str]:
     errors = [np.inf if row.get("error") is None else row["error"] for row in rows]
     well = [error < MAX_ERROR for error in errors]
     written_well = [(row.get("formula_error") or np.inf) < MAX_ERROR for row in rows]
+    stated_well = [(row.get("stated_error") or np.inf) < MAX_ERROR for row in rows]
+    covered = [row["covered"] for row in rows if row.get("covered") is not None]
     as_well = [bool(row.get("formula")) and (ratio(row, "formula") or np.inf) <= MAX_FORMULA_RATIO for row in rows]
     ratios = [own for own in map(ratio, rows) if own is not None]
     near = sum(own <= MAX_MISFIT_RATIO for own in ratios)
@@ -271,10 +297,13 @@ def _rates(rows: list[Case], noise: float) -> list[str]:
         f"  right place {share(sum(places), count)}",
         f"  right arguments {share(sum(arguments), count)}",
         f"  error below {MAX_ERROR:.0%} {share(sum(well), count)}",
+        f"  error of the force that is stated below {MAX_ERROR:.0%} {share(sum(stated_well), count)}",
         f"  error of what is written below {MAX_ERROR:.0%} {share(sum(written_well), count)}",
         f"  held out within {MAX_MISFIT_RATIO} times {share(near, len(ratios))}",
         f"  a formula predicts as well as the law, to {MAX_FORMULA_RATIO - 1.0:.0%} {share(sum(as_well), count)}",
     ]
+    if covered:
+        lines.append(f"  95 % bands cover the law at {np.mean(covered):.0%} of states, median {np.median(covered):.0%}")
     for size in SIZES:
         own = [k for k, row in enumerate(rows) if row["size"] == size]
         counts = [f"{sum(some[k] for k in own)} of {len(own)}" for some in (arguments, well)]

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.discovery.formulas import FormulaTrial, expected_of_formulas, formulas_of
 from calib.diagnosis.discovery.free_force import SURFACE_COEFFICIENTS, FreeForce, free_force
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
+from calib.diagnosis.discovery.partial_spline import PartialSpline
 from calib.diagnosis.discovery.penalised import FreeModel, States, nested, penalised_fit, visited_states
 from calib.diagnosis.discovery.place import ForcePlace, force_places
 from calib.diagnosis.discovery.summary import CUT_SHORT, NO_STEP, UNTESTED, UNTOLD, explained_share, summary_of
@@ -92,6 +93,12 @@ class Discovery:
     def formula_trial(self) -> FormulaTrial | None:
         """Formula of the force: the first, where it predicts as well as the free force."""
         return next((trial for trial in self.formulas[:1] if trial.predicts), None)
+
+    @cached_property
+    def partial_spline(self) -> PartialSpline | None:
+        """Force as the formula and what the records add to it; None where no formula predicts as well."""
+        trial = self.formula_trial
+        return None if trial is None or self.chosen is None else PartialSpline.of(self.chosen.fitted, trial)
 
     @property
     def explained(self) -> float:

@@ -19,7 +19,7 @@ class FunctionResult:
     region : least and largest value of each that is visited; outside the function is continued linearly
     points : values of each argument at which the function is stated
     force, error : there, and the standard error  [m/s^2]; of two arguments, all values of the second for the first
-        value of the first, and so on
+        value of the first, and so on. Where a formula predicts as well, that formula and what the records add to it
     visited : whether the records visit the neighbourhood of each of these points
     formula : values of the formula there, less what calibration absorbs of it  [m/s^2]; empty without one
     """

@@ -15,6 +15,7 @@ from calib.diagnosis.discovery.document import (
 from calib.diagnosis.discovery.formula import Formula
 from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, UNITS, VELOCITY
+from calib.diagnosis.discovery.partial_spline import Part, PartialSpline
 from calib.diagnosis.discovery.penalised import States
 from calib.diagnosis.discovery.trial import ForceTrial, described
 from calib.diagnosis.document import GateResult
@@ -40,9 +41,8 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
     chosen, states, null_left_out = discovery.chosen, discovery.states, discovery.null_left_out
     if chosen is None or states is None or null_left_out is None or chosen.left_out is None:
         return common
-    force, error = chosen.fitted.surface(states.x, states.v)
-    trial = discovery.formula_trial
-    fit = chosen.fitted.fit
+    partial, fit = discovery.partial_spline, chosen.fitted.fit
+    force, error = (partial or chosen.fitted).surface(states.x, states.v)
     calibrated = [name for name in fit.names if name not in chosen.fitted.model.coefficients]
     return DiscoveryResult(
         **{
@@ -50,7 +50,7 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
             "body": chosen.body,
             "interface": bool(chosen.place.gap),
             "arguments": chosen.all_arguments,
-            "functions": functions(chosen, states, None if trial is None else trial.formula),
+            "functions": functions(chosen, states, partial),
             "formulas": tuple(map(_formula, discovery.formulas)),
             "rms": (float(np.sqrt(np.mean(force**2))), float(np.sqrt(np.mean(error**2)))),
             "explained": discovery.explained,
@@ -76,10 +76,12 @@ def _formula(trial: FormulaTrial) -> FormulaResult:
     )  # fmt: skip
 
 
-def functions(trial: ForceTrial, states: States, formula: Formula | None = None) -> tuple[FunctionResult, ...]:
-    """Functions of a model over the visited region, without what calibration absorbs, and a formula of their sum.
+def functions(trial: ForceTrial, states: States, partial: PartialSpline | None = None) -> tuple[FunctionResult, ...]:
+    """Functions of a model over the visited region, without what calibration absorbs.
 
     Of additive functions the first alone has a constant: those after it vanish at zero.
+
+    partial : where a formula predicts as well, the force beside which it is stated
     """
     results = []
     for number, arguments in enumerate(trial.arguments):
@@ -88,8 +90,12 @@ def functions(trial: ForceTrial, states: States, formula: Formula | None = None)
         grid = [axis.ravel() for axis in np.meshgrid(*points, indexing="ij")]
         at = dict(zip(arguments, grid, strict=True))
         rows = _rows(trial, number, at, grid[0].size)
-        force, error = trial.fitted.combination(rows)
-        own = () if formula is None else tuple(_formula_values(trial, number, at, rows, formula).tolist())
+        if partial is None:
+            (force, error), own = trial.fitted.combination(rows), ()
+        else:
+            part = _part(trial, number, at, grid[0].size)
+            force, error = partial.combination(rows, part)
+            own = tuple(partial.formula_alone(rows, part).tolist())
         results.append(
             FunctionResult(
                 arguments=arguments,
@@ -105,21 +111,17 @@ def functions(trial: ForceTrial, states: States, formula: Formula | None = None)
     return tuple(results)
 
 
-def _formula_values(
-    trial: ForceTrial, number: int, at: Mapping[str, np.ndarray], rows: np.ndarray, formula: Formula
-) -> np.ndarray:
-    """Values (n,) of that part of a formula which belongs to a function, without what calibration absorbs of it.
-
-    rows : (n, p) of the function, see `_rows`
-    """
-    zero = np.zeros(len(rows))
+def _part(trial: ForceTrial, number: int, at: Mapping[str, np.ndarray], count: int) -> Part:
+    """Make the function of a formula that returns the values (count,) of what belongs to one of the functions."""
+    zero = np.zeros(count)
     x, v = at.get(DISPLACEMENT, zero), at.get(VELOCITY, zero)
-    own = Formula(tuple(t for t in formula.terms if t.arguments and t.arguments <= set(trial.arguments[number])))
-    rest = Formula(tuple(t for t in formula.terms if t not in own.terms))
-    values = own.values(x, v) + (rest.values(zero, zero) if not number else -own.values(zero, zero))
-    absorbed, states = trial.fitted.smoothing.absorbed, trial.fitted.model.states
-    share = np.linalg.pinv(trial.fitted.model.visited @ absorbed) @ formula.values(states.x, states.v)
-    return np.asarray(values - rows @ absorbed @ share)
+
+    def part(formula: Formula) -> np.ndarray:
+        own = Formula(tuple(t for t in formula.terms if t.arguments and t.arguments <= set(trial.arguments[number])))
+        rest = Formula(tuple(t for t in formula.terms if t not in own.terms))
+        return own.values(x, v) + (rest.values(zero, zero) if not number else -own.values(zero, zero))
+
+    return part
 
 
 def _rows(trial: ForceTrial, number: int, at: Mapping[str, np.ndarray], count: int) -> np.ndarray:

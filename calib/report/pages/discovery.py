@@ -20,7 +20,10 @@ FORCE = (
     "Force per unit mass over the states that the records visit, without the linear functions that calibrated "
     "parameters absorb."
 )
-WITH_FORMULA = " The formula, less the same linear functions, is drawn over the free function and stands above."
+WITH_FORMULA = (
+    " It is the formula that stands above, and a function that is as smooth as the records let it be; the formula "
+    "alone, less the same linear functions, is drawn over it."
+)
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ NUMBERS_OF_A_LINE = 3  # of a formula, above the figure  [count]
 def found_force_figure(result: DiscoveryResult) -> Figure | None:
     """Force per unit mass over its arguments with its 95 % band; None where none was found.
 
-    A function of one argument is a curve, one of two a map with the half width of its band beside it. The formula,
-    where there is one, is drawn over them and stands above.
+    A function of one argument is a curve, one of two a map with the half width of its band beside it. Where
+    there is a formula, the force is that and what the records add to it; the formula alone is drawn over it.
     """
     if not result.functions:
         return None
@@ -70,9 +70,10 @@ def _curve(axes: Axes, function: FunctionResult, labels: Mapping[str, str]) -> N
     axes.axhline(0.0, color=LINE, linewidth=0.7)
     half = HALF_WIDTH_ERRORS_95 * error
     axes.fill_between(at, force - half, force + half, color=SIMULATED, alpha=0.2, linewidth=0, label="95 % band")
-    axes.plot(at, force, color=SIMULATED, linewidth=1.3, label="free function")
+    label = "formula and function" if function.formula else "free function"
+    axes.plot(at, force, color=SIMULATED, linewidth=1.3, label=label)
     if function.formula:
-        axes.plot(at, function.formula, color=MARK, linewidth=1.0, linestyle="--", label="formula")
+        axes.plot(at, function.formula, color=MARK, linewidth=1.0, linestyle="--", label="formula alone")
     axes.set(xlabel=f"{labels[function.arguments[0]]} [{unit}]")
     axes.margins(x=0.0)
     axes.legend(loc="best")

@@ -45,17 +45,18 @@ def simulate(run):
     return SimulatedRows(total[None], np.ones(TIME.size))
 
 
-def trials(force, seed=0):
+def searched(force, seed=0):
+    """Return the free force that is fitted to a line and a force (n,) with unit noise, and its formulas."""
     measured = straight(TRUE) + force + np.random.default_rng(seed).standard_normal(TIME.size)
     fitter = Fitter(InProcess(simulate), InQuarters(measured), Space(WINDOWS), MODEL)
     null = fitter.fit(Point(START, (), {"record": SimulatedRows(straight(START)[None], np.ones(TIME.size))}))
     fitted = penalised_fit(fitter, null, free_model(DISPLACEMENT))
-    return formulas_of(fitter, null, fitted, left_out_misfit(fitter.evidence, fitted.fit, fitted))
+    return fitted, formulas_of(fitter, null, fitted, left_out_misfit(fitter.evidence, fitted.fit, fitted))
 
 
 @pytest.fixture(scope="module")
 def bent():
-    return trials(-10.0 * STATES.x * np.abs(STATES.x))
+    return searched(-10.0 * STATES.x * np.abs(STATES.x))[1]
 
 
 def test_the_simplest_formula_within_a_tie_is_first(bent):
@@ -80,6 +81,6 @@ def test_names_are_those_that_the_model_does_not_have():
 
 def test_a_term_that_chance_prefers_is_not_taken():
     """Of some thirty terms the best reduces chi-square by 2 ln 30 in noise: AIC would take it in one of three."""
-    first = [trials(-10.0 * STATES.x * np.abs(STATES.x), seed)[0] for seed in range(1, 9)]
+    first = [searched(-10.0 * STATES.x * np.abs(STATES.x), seed)[1][0] for seed in range(1, 9)]
     assert sum(trial.formula.text == "c1 x |x|" for trial in first) >= 7
     assert all(len(trial.formula.terms) == 1 for trial in first)

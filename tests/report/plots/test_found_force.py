@@ -51,7 +51,7 @@ def test_a_formula_is_drawn_over_the_force_and_written_above():
     formula = FormulaResult("", latex, numbers, 1.0, None, 1.0, True, True, True, True)
     figure = found_force_figure(replace(found(curve), formulas=(formula,)))
     [axes] = figure.axes
-    assert [line.get_label() for line in axes.lines][-2:] == ["free function", "formula"]
+    assert [line.get_label() for line in axes.lines][-2:] == ["formula and function", "formula alone"]
     first, second, third = figure.get_suptitle().split("\n")
     assert (first, second) == (
         r"$c_{1}\,x + c_{2}\,\max(0, x)^{1.5}$", r"$+c_{3}\,\sin\frac{2\pi x}{a_{3}}$"
