@@ -1,6 +1,7 @@
 """`calib discover`: the force that was found, printed."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -14,7 +15,7 @@ from calib.cli.options import CauseSearch
 from calib.cli.status import folder_of
 from calib.diagnosis.discovery.artifacts import DISCOVERY
 from calib.diagnosis.discovery.discover import FOUND
-from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.diagnosis.discovery.document import DiscoveryResult, NumberResult
 from calib.units import shown
 from calib.workflows.discover import FORCE_PICTURE, discover_study
 
@@ -43,6 +44,7 @@ def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path
         force = np.array(function.force)[np.array(function.visited)]
         console.print(f"force per unit mass there: {force.min():.3g} to {force.max():.3g} m/s^2", soft_wrap=True)
     _formulas(result, console)
+    _histories(result, console)
     for text in result.curves:
         console.print(escape(f"{text[:1].upper()}{text[1:]}."), soft_wrap=True)
     for text in result.undetermined:
@@ -61,10 +63,8 @@ def _formulas(result: DiscoveryResult, console: Console) -> None:
     formula = result.formula
     if formula is not None:
         console.print(f"[bold]formula[/]: {escape(formula.text)}", soft_wrap=True)
-        for n in formula.numbers:
-            error = "" if n.error is None else f" +- {n.error:.1g}"
-            console.print(f"  {n.name} = {n.value:.4g}{error} {escape(n.unit)}: {escape(n.meaning)}", soft_wrap=True)
-    elif result.functions:
+        _numbers(formula.numbers, console)
+    elif result.functions and not result.depends_on_history:
         console.print("no formula of the dictionary predicts as well as the free function", soft_wrap=True)
     if result.formulas:
         table = Table(title="formulas, refitted in the simulator", title_justify="left")
@@ -79,6 +79,30 @@ def _formulas(result: DiscoveryResult, console: Console) -> None:
             row = str(len(own.numbers)), f"{own.chi2:.5g}", left_out, f"+{own.ric - least:.1f}", ", ".join(remarks)
             table.add_row(escape(own.text), *row)
         console.print(table)
+
+
+def _histories(result: DiscoveryResult, console: Console) -> None:
+    """Print laws with internal states, and the numbers of the one that the force is where it depends on history."""
+    if not result.histories:
+        return
+    if result.depends_on_history:
+        best = result.histories[0]
+        console.print(f"[bold]law[/]: {escape(best.effect)}, {escape(best.equation)}", soft_wrap=True)
+        _numbers(best.numbers, console)
+    table = Table(title="laws with internal states, refitted in its place", title_justify="left")
+    table.add_column("law")
+    for heading in ("chi-square", "left out"):
+        table.add_column(heading, justify="right")
+    for own in result.histories:
+        left_out = "-" if own.left_out_deviance is None else f"{own.left_out_deviance:.5g}"
+        table.add_row(escape(own.effect), f"{own.chi2:.5g}", left_out)
+    console.print(table)
+
+
+def _numbers(numbers: Sequence[NumberResult], console: Console) -> None:
+    for n in numbers:
+        error = "" if n.error is None else f" +- {n.error:.1g}"
+        console.print(f"  {n.name} = {n.value:.4g}{error} {escape(n.unit)}: {escape(n.meaning)}", soft_wrap=True)
 
 
 def _trials(result: DiscoveryResult) -> Table:

@@ -2,9 +2,10 @@
 
 import base64
 import html
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult
+from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, NumberResult
 from calib.diagnosis.discovery.place import AT_INTERFACE
 from calib.errors import CalibError
 from calib.report.plots.found_force import found_force_figure
@@ -69,12 +70,16 @@ class Discovered:
         place = f"at the {found.body}" if found.interface else f"on {found.body}"
         where = f": force {place} over {', '.join(names)}" if found.body else ""
         formula = f"\n  {found.formula.equation}" if found.formula is not None else ""
-        return f"force law of {self.name!r}: {self.verdict}{where}\n  {found.summary}{formula}"
+        law = f"\n  {found.histories[0].text}" if found.depends_on_history else ""
+        return f"force law of {self.name!r}: {self.verdict}{where}\n  {found.summary}{formula}{law}"
 
     def _repr_html_(self) -> str:
         text = f"<b>{html.escape(self.verdict)}</b><p>{html.escape(self.summary.summary)}</p>"
         if self.summary.formula is not None:
             text += formula_html(self.summary.formula)
+        if self.summary.depends_on_history:
+            law = self.summary.histories[0]
+            text += f"<p>{html.escape(law.effect)}: {html.escape(law.equation)}</p>{numbers_html(law.numbers)}"
         if not self.summary.functions:
             return text
         shown = base64.b64encode(self.plot()._repr_png_()).decode()
@@ -83,10 +88,15 @@ class Discovered:
 
 def formula_html(formula: FormulaResult) -> str:
     """Formula as LaTeX, which a notebook typesets, with a table of its numbers."""
+    return f"<p>$${html.escape(formula.latex)}$$</p>{numbers_html(formula.numbers)}"
+
+
+def numbers_html(numbers: Sequence[NumberResult]) -> str:
+    """Table of the numbers of a formula or a law."""
     rows = "".join(
         f"<tr><td>{n.name}</td><td>{n.value:.4g}</td><td>{'' if n.error is None else f'{n.error:.1g}'}</td>"
         f"<td>{html.escape(n.unit)}</td><td>{html.escape(n.meaning)}</td></tr>"
-        for n in formula.numbers
+        for n in numbers
     )
     heads = "<tr><th></th><th>value</th><th>std. error</th><th>unit</th><th></th></tr>"
-    return f"<p>$${html.escape(formula.latex)}$$</p><table>{heads}{rows}</table>"
+    return f"<table>{heads}{rows}</table>"

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.diagnosis.candidate import Scales, candidates
 from calib.diagnosis.discovery.continuation import known_region
-from calib.diagnosis.discovery.discover import FOUND, Discovery
+from calib.diagnosis.discovery.discover import FOUND, OF_HISTORY, Discovery
 from calib.diagnosis.discovery.formula import Number
 from calib.diagnosis.discovery.formulas import FormulaTrial, prefix_of
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, SYMBOLS, UNITS, VELOCITY, FreeForce
@@ -35,14 +35,17 @@ SIZE_RATIOS = (0.3, 1.0, 3.0)  # of typical sizes over that which was identified
 def apply_force(file: StudyFile, discovery: Discovery) -> Path | None:
     """Write the force as an effect file, and the study with it in its model; None where none was found.
 
-    Nor where the records cannot tell of what it is a function. The study that a diagnosis has extended is another file,
-    and stays.
+    Nor where the records cannot tell of what it is a function. Of a force that depends on history the model has the law
+    of the library that predicts best. The study that a diagnosis has extended is another file, and stays.
 
     Raises
     ------
     CalibError : a file of that name is there, which `calib discover` has not written
     """
     chosen = discovery.chosen
+    if discovery.verdict == OF_HISTORY:
+        best = discovery.histories[0]
+        return extended_study(file, best.fit, [best.candidate], file.effect_references(), part=FORCE_FOUND)
     if chosen is None or discovery.verdict != FOUND:
         return None
     name = effect_name(file)

@@ -9,6 +9,7 @@ from undrawn import undrawn
 
 from calib.cli import main
 from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.effects.presliding import EFFECT as PRESLIDING
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.model import Model
@@ -26,6 +27,7 @@ from calib.workflows.study import Study
 
 TIMES = np.arange(90) / 180.0  # s
 SIZE = 2e4  # 1/(m s^2): stiffer on both sides, in proportion to x |x|
+DAHL = {"dahl_force": 0.4, "dahl_distance": 5e-4}  # m/s^2, m
 STUDY = """
 [study]
 name = "bent spring"
@@ -62,13 +64,13 @@ def bent(t, x, v, p, z, dz):
 BENT = Effect("bent", "force", bent, (Parameter("bend", "1/(m s^2)", 0.0, "of the spring", null=0.0),), "stiffer")
 
 
-def record(amplitude, seed, size):
+def record(amplitude, seed, acting, effects):
     """A swept force on the spring, with noise of 1 %."""
     rng = np.random.default_rng(seed)
     value = amplitude * np.sin(2.0 * np.pi * (6.0 * TIMES + 10.0 * TIMES**2))
     drive = Excitation("mass", "force", time=TIMES, value=value)
-    values = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0} | ({"bend": size} if size else {})
-    motion = Model(Oscillator(), [BENT] if size else []).run(values, drive, Request(times=TIMES))
+    values = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0, **acting}
+    motion = Model(Oscillator(), effects).run(values, drive, Request(times=TIMES))
     channels = {}
     for channel in ("displacement", "velocity"):
         rows = motion[channel].values
@@ -79,9 +81,9 @@ def record(amplitude, seed, size):
 
 
 @undrawn()
-def calibrated(place, size):
+def calibrated(place, acting, *effects):
     for name, amplitude, seed in (("soft", 6.0, 0), ("hard", 9.0, 1)):
-        write(record(amplitude, seed, size), place / f"{name}.nc")
+        write(record(amplitude, seed, acting, effects), place / f"{name}.nc")
     (place / "study.toml").write_text(STUDY)
     assert CliRunner().invoke(main, ["run", str(place), "-q"]).exit_code == 0
     return place
@@ -95,7 +97,7 @@ def discovered(place):
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    place = calibrated(tmp_path_factory.mktemp("bent"), SIZE)
+    place = calibrated(tmp_path_factory.mktemp("bent"), {"bend": SIZE}, BENT)
     return place, *discovered(place)
 
 
@@ -181,12 +183,28 @@ def test_the_force_is_drawn_and_shown(found):
 
 @pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_missing(tmp_path):
-    place = calibrated(tmp_path, 0.0)
+    place = calibrated(tmp_path, {})
     output, result = discovered(place)
     assert result.verdict == "nothing"
     assert not result.functions
     assert not (place / "out" / "discovery.png").exists()
     assert "nothing: " in output
+
+
+@pytest.mark.slow
+def test_a_force_that_depends_on_history_is_told_from_functions_of_the_state_and_applied(tmp_path):
+    """Of Dahl's friction a sum of two functions explains nearly all: a law with an internal state predicts better."""
+    place = calibrated(tmp_path, DAHL, PRESLIDING)
+    output, result = discovered(place)
+    assert result.depends_on_history
+    assert "history_dependent: a force on mass is missing that depends on the history of the motion" in output
+    names = [law.effect for law in result.histories]
+    assert "presliding" in names
+    assert result.histories[0].left_out_deviance < result.left_out_deviance[1]
+    study = load(place / "study.found.toml").study
+    assert [effect.name for effect in study.model.effects] == names[:1]
+    answer = CliRunner().invoke(main, ["run", str(place / "study.found.toml"), "-q"], catch_exceptions=False)
+    assert answer.exit_code == 0
 
 
 @pytest.mark.slow

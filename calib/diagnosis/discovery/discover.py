@@ -2,23 +2,32 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from calib.diagnosis.bench import Bench, Run, simulated
+from calib.diagnosis.bench import Bench
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.discovery.formulas import FormulaTrial, expected_of_formulas, formulas_of
 from calib.diagnosis.discovery.free_force import SURFACE_COEFFICIENTS, FreeForce, free_force
+from calib.diagnosis.discovery.history import HistoryTrial, history_trials
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
 from calib.diagnosis.discovery.partial_spline import PartialSpline
 from calib.diagnosis.discovery.penalised import FreeModel, States, nested, penalised_fit, visited_states
-from calib.diagnosis.discovery.place import ForcePlace, force_places
-from calib.diagnosis.discovery.summary import CUT_SHORT, NO_STEP, UNTESTED, UNTOLD, explained_share, summary_of
+from calib.diagnosis.discovery.place import ForcePlace, force_places, visited_regions
+from calib.diagnosis.discovery.summary import (
+    CUT_SHORT,
+    NO_STEP,
+    UNTESTED,
+    UNTOLD,
+    explained_share,
+    summary_of,
+    summary_of_history,
+)
 from calib.diagnosis.discovery.trial import (
     OF_DISPLACEMENT,
     OF_STATE,
@@ -44,6 +53,7 @@ from calib.objective import Reference
 from calib.study import CalibrationStudy
 
 FOUND, NOTHING, UNDETERMINED, NOT_DIAGNOSABLE = "found", "nothing", "undetermined", "not_diagnosable"
+OF_HISTORY = "history_dependent"
 FITS_PER_PLACE, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
 SIMULATIONS_PER_COEFFICIENT = 2.5  # of each record for its derivative, as measured  [count]
 DERIVATIVES_PER_SURFACE_FIT = 1.5  # by all coefficients, as measured  [count]
@@ -56,8 +66,8 @@ class Discovery:
 
     Attributes
     ----------
-    verdict : "found", "nothing", "undetermined" (the records cannot tell, of what it is a function at least) or
-        "not_diagnosable"
+    verdict : "found", "history_dependent" (a law with internal states predicts better than any function of the state),
+        "nothing", "undetermined" (the records cannot tell, of what it is a function at least) or "not_diagnosable"
     summary : the verdict in a sentence
     gates : that were tested
     trials : models that were fitted, in their order
@@ -68,6 +78,7 @@ class Discovery:
     null_left_out : misfit of the left-out records without a force
     excess_chi2 : of the calibrated model, and of the chosen one (0 without one)
     formulas : of the chosen model, the best first; empty without one
+    histories : laws with internal states that were refitted in its place, the one that predicts best first
     cut_short : whether the budget ended it before all was tried
     curves : places at which all records visit one curve of states, with what coincides there in words
     seconds, simulations : of the search  [s]
@@ -84,6 +95,7 @@ class Discovery:
     null_left_out: LeftOutMisfit | None = None
     excess_chi2: tuple[float, float] = (0.0, 0.0)
     formulas: tuple[FormulaTrial, ...] = ()
+    histories: tuple[HistoryTrial, ...] = ()
     cut_short: bool = False
     curves: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
@@ -91,7 +103,9 @@ class Discovery:
 
     @property
     def formula_trial(self) -> FormulaTrial | None:
-        """Formula of the force: the first, where it predicts as well as the free force."""
+        """Formula of the force: the first, where it predicts as well as the free force; None where history counts."""
+        if self.verdict == OF_HISTORY:
+            return None
         return next((trial for trial in self.formulas[:1] if trial.predicts), None)
 
     @cached_property
@@ -156,7 +170,8 @@ def _discovered(
     if reason:
         return Discovery(NOT_DIAGNOSABLE, reason, ())
     places = {place.name: place for place in force_places(bench.model.simulator)}
-    regions = _regions(pool, bench, values, places.values())
+    references = {name: r for name, r in bench.objective.references.items() if r.use != "holdout"}
+    regions = visited_regions(pool, bench, references, values, places.values())
     if not regions:
         return Discovery(
             NOT_DIAGNOSABLE, "no body moves in the records or their simulations: there is no state to visit", ()
@@ -171,7 +186,7 @@ def _discovered(
     ready = prepared(pool, bench, study, values, suspected, on_stage)
     if isinstance(ready, NotDiagnosable):
         return Discovery(NOT_DIAGNOSABLE, failures(ready.gates), ready.gates)
-    search = _ForceSearch(ready, forces, places, regions, _not_held_out(bench), study, seed)
+    search = _ForceSearch(ready, forces, places, regions, references, study, effects, seed)
     return search.result(on_stage)
 
 
@@ -180,35 +195,6 @@ def _refusal(simulator: Simulator) -> str:
     if "force" in simulator.sites:
         return ""
     return f"simulator {simulator.name!r} takes no force laws: a force cannot be searched inside it"
-
-
-def _not_held_out(bench: Bench) -> dict[str, Reference]:
-    """References but those held out."""
-    return {name: r for name, r in bench.objective.references.items() if r.use != "holdout"}
-
-
-def _regions(
-    pool: Effort, bench: Bench, values: Mapping[str, float], places: Iterable[ForcePlace]
-) -> dict[str, dict[str, tuple[float, float]]]:
-    """Least and largest displacement [m] and velocity [m/s] that a force law sees at each place, in all records.
-
-    Measured ones where they are compared, simulated ones elsewhere.
-    """
-    references = _not_held_out(bench)
-    regions = {}
-    for place in places:
-        simulations = simulated(pool, [Run(name, values, rows=place.rows) for name in references])
-        ends: list[np.ndarray] = []
-        for (name, reference), view in zip(references.items(), simulations, strict=True):
-            if set(place.rows) <= set(bench.rows[name]):
-                bodies = [str(b) for b in reference.record.body.values]
-                rows = np.array([reference.record[c].values[bodies.index(body)] for body, c in place.rows])
-                ends.append(place.states(rows, values))
-            elif view.usable:
-                ends.append(place.states(view.rows, values))
-        if ends:
-            regions[place.name] = States(*np.concatenate(ends, axis=1)).region
-    return {name: region for name, region in regions.items() if all(high > low for low, high in region.values())}
 
 
 class _ForceSearch:
@@ -222,11 +208,12 @@ class _ForceSearch:
         regions: Mapping[str, Mapping[str, tuple[float, float]]],
         references: Mapping[str, Reference],
         study: CalibrationStudy,
+        effects: Sequence[Effect],
         seed: int,
     ):
         self.ready, self.fitter, self.null = ready, ready.fitter, ready.null
         self.forces, self.places, self.regions, self.references = dict(forces), places, regions, references
-        self.study, self.seed = study, seed
+        self.study, self.effects, self.seed = study, effects, seed
         self.candidates = {candidate.name: candidate for candidate in ready.suspects}
         self.trials: list[ForceTrial] = []
         self.scored: dict[str, Scored] = {}
@@ -421,10 +408,22 @@ class _ForceSearch:
         degrees = degrees_of_freedom(self.fitter.evidence, chosen.fitted.fit)
         rms = math.sqrt(chosen.chi2 / degrees) if self._leaves_misfit(chosen.fitted.fit) else None
         summary = summary_of(chosen, tied, rivals, excess, null_left_out, rms)
-        return Discovery(
+        found = Discovery(
             FOUND, summary, self.ready.gates, tuple(self.trials), chosen,
             tuple(place.name for place in rivals), states, self.null, null_left_out, excess, formulas,
         )  # fmt: skip
+        return self._beside_histories(found, chosen, on_stage)
+
+    def _beside_histories(self, found: Discovery, chosen: ForceTrial, on_stage: Callable[[str], None]) -> Discovery:
+        """Compare laws with internal states with the force that was found."""
+        if self.fitter.effort.spent:
+            return found
+        trials = history_trials(self.fitter, self.null, chosen, self.effects, self.references, self.seed, on_stage)
+        formula = None if found.formula_trial is None else found.formula_trial.left_out
+        better = [trial for trial in trials if trial.surpasses(chosen, formula)]
+        if not better:
+            return replace(found, histories=trials)
+        return replace(found, verdict=OF_HISTORY, summary=summary_of_history(chosen, better), histories=trials)
 
 
 def _leading(suspects: Sequence[Screened], threshold: float) -> list[Scored]:

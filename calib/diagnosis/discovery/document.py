@@ -1,6 +1,6 @@
 """The result of a search for a force law: the objects of discovery.json, their fields in the order of its keys."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -53,6 +53,10 @@ class NumberResult:
     meaning: str
 
 
+def _listed(numbers: Sequence[NumberResult]) -> str:
+    return ", ".join(f"{n.name} = {n.value:.4g} {n.unit}" for n in numbers)
+
+
 @dataclass(frozen=True)
 class FormulaResult:
     """A formula of the force, refitted inside the simulator.
@@ -83,7 +87,30 @@ class FormulaResult:
     @property
     def equation(self) -> str:
         """Text with its numbers behind it."""
-        return f"{self.text}; {', '.join(f'{n.name} = {n.value:.4g} {n.unit}' for n in self.numbers)}"
+        return f"{self.text}; {_listed(self.numbers)}"
+
+
+@dataclass(frozen=True)
+class HistoryResult:
+    """A law with internal states that was refitted in the place of the free force.
+
+    Attributes
+    ----------
+    effect, equation : its name in the library, and the force per unit mass
+    numbers : its parameters, and the form of its law
+    chi2, left_out_deviance : as those of a `TrialResult`
+    """
+
+    effect: str
+    equation: str
+    numbers: tuple[NumberResult, ...]
+    chi2: float
+    left_out_deviance: float | None
+
+    @property
+    def text(self) -> str:
+        """Its name and equation with the numbers behind them."""
+        return f"{self.effect}: {self.equation}; {_listed(self.numbers)}"
 
 
 @dataclass(frozen=True)
@@ -112,8 +139,8 @@ class DiscoveryResult:
 
     Attributes
     ----------
-    verdict : "found", "nothing", "undetermined" (the records cannot tell, or the budget ended the search) or
-        "not_diagnosable"
+    verdict : "found", "history_dependent" (a law with internal states predicts better than any function of the state),
+        "nothing", "undetermined" (the records cannot tell, or the budget ended the search) or "not_diagnosable"
     summary : the verdict in a sentence
     body : on which the force acts, or name of the interface; "" where none was found
     arguments : on which it depends
@@ -135,6 +162,7 @@ class DiscoveryResult:
         it apart, in words
     interface : whether it acts between two bodies, as a function of their clearance, which takes the place of the
         displacement, and of its rate
+    histories : laws with internal states in the place of the force, the one that predicts best first
     """
 
     verdict: str
@@ -158,10 +186,18 @@ class DiscoveryResult:
     interface: bool = False
     cut_short: bool = False
     curves: tuple[str, ...] = ()
+    histories: tuple[HistoryResult, ...] = ()
+
+    @property
+    def depends_on_history(self) -> bool:
+        """Whether a law with internal states predicts better than any function of the state."""
+        return self.verdict == "history_dependent"
 
     @property
     def formula(self) -> FormulaResult | None:
-        """Formula of the force: the first, where it predicts as well as the free function."""
+        """Formula of the force: the first, where it predicts as well as the free function; None if history counts."""
+        if self.depends_on_history:
+            return None
         return next((f for f in self.formulas[:1] if f.predicts), None)
 
     @classmethod

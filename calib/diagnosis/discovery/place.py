@@ -1,13 +1,16 @@
 """Places where a missing force may act: bodies, and interfaces between two of them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from calib.diagnosis.bench import Bench, Run, simulated
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
 from calib.modelling.effect import interfaces_of, places_of
 from calib.modelling.simulator import Simulator
+from calib.objective import Reference
+from calib.study import Pool
 
 AT_INTERFACE = {DISPLACEMENT: "clearance", VELOCITY: "its rate"}  # what the arguments of a force law are there
 
@@ -62,3 +65,31 @@ def force_places(simulator: Simulator) -> list[ForcePlace]:
     for name, own in interfaces_of(simulator).items():
         places.append(ForcePlace(name, own.factors, own.gap, nominal[own.gap], own.compliant))
     return places
+
+
+def visited_regions(
+    pool: Pool,
+    bench: Bench,
+    references: Mapping[str, Reference],
+    values: Mapping[str, float],
+    places: Iterable[ForcePlace],
+) -> dict[str, dict[str, tuple[float, float]]]:
+    """Least and largest displacement [m] and velocity [m/s] that a force law sees at each place where a body moves.
+
+    Measured ones where the references compare them, simulated ones at these values of parameters elsewhere.
+    """
+    regions = {}
+    for place in places:
+        simulations = simulated(pool, [Run(name, values, rows=place.rows) for name in references])
+        ends: list[np.ndarray] = []
+        for (name, reference), view in zip(references.items(), simulations, strict=True):
+            if set(place.rows) <= set(bench.rows[name]):
+                bodies = [str(b) for b in reference.record.body.values]
+                rows = np.array([reference.record[c].values[bodies.index(body)] for body, c in place.rows])
+                ends.append(place.states(rows, values))
+            elif view.usable:
+                ends.append(place.states(view.rows, values))
+        if ends:
+            low, high = (end(np.concatenate(ends, axis=1), axis=1).tolist() for end in (np.min, np.max))
+            regions[place.name] = dict(zip((DISPLACEMENT, VELOCITY), zip(low, high, strict=True), strict=True))
+    return {name: region for name, region in regions.items() if all(high > low for low, high in region.values())}

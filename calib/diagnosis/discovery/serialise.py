@@ -9,12 +9,14 @@ from calib.diagnosis.discovery.document import (
     DiscoveryResult,
     FormulaResult,
     FunctionResult,
+    HistoryResult,
     NumberResult,
     TrialResult,
 )
 from calib.diagnosis.discovery.formula import Formula
 from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, UNITS, VELOCITY
+from calib.diagnosis.discovery.history import HistoryTrial
 from calib.diagnosis.discovery.partial_spline import Part, PartialSpline
 from calib.diagnosis.discovery.penalised import States
 from calib.diagnosis.discovery.trial import ForceTrial, described
@@ -52,6 +54,7 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
             "arguments": chosen.all_arguments,
             "functions": functions(chosen, states, partial),
             "formulas": tuple(map(_formula, discovery.formulas)),
+            "histories": tuple(map(_history, discovery.histories)),
             "rms": (float(np.sqrt(np.mean(force**2))), float(np.sqrt(np.mean(error**2)))),
             "explained": discovery.explained,
             "left_out": null_left_out.names,
@@ -74,6 +77,16 @@ def _formula(trial: FormulaTrial) -> FormulaResult:
         trial.formula.text, trial.formula.latex, numbers, trial.fit.chi2, left_out, trial.ric, trial.ties,
         trial.on_front, trial.predicts, trial.explains,
     )  # fmt: skip
+
+
+def _history(trial: HistoryTrial) -> HistoryResult:
+    errors = trial.errors()
+    numbers = tuple(
+        NumberResult(p.name, trial.values[p.name], errors.get(p.name), p.unit, p.meaning)
+        for p in trial.candidate.effect.parameters
+    )
+    left_out = None if trial.left_out is None else trial.left_out.deviance
+    return HistoryResult(trial.name, trial.candidate.effect.equation, numbers, trial.fit.chi2, left_out)
 
 
 def functions(trial: ForceTrial, states: States, partial: PartialSpline | None = None) -> tuple[FunctionResult, ...]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from calib.diagnosis.discovery.history import HistoryTrial
 from calib.diagnosis.discovery.left_out import LeftOutMisfit
 from calib.diagnosis.discovery.place import ForcePlace
 from calib.diagnosis.discovery.trial import ForceTrial, described
@@ -48,4 +49,18 @@ def summary_of(
         text += f". A force {where} predicts as well"
     if rms is not None:
         text += f". It leaves {rms:.3g} times the noise: it is the closest to what is missing, not all of it"
+    return text
+
+
+def summary_of_history(chosen: ForceTrial, better: Sequence[HistoryTrial]) -> str:
+    """Verdict on a force of which laws with internal states predict better than a free function, the best first."""
+    best, others = better[0], [trial.name for trial in better[1:]]
+    text = (
+        f"a force {chosen.place.preposition} {chosen.body} is missing that depends on the history of the motion: "
+        f"{best.name}, a law with internal states, predicts left-out records better than any function of the state "
+        f"(predictive deviance {best.predictive_deviance:.4g}; {chosen.predictive_deviance:.4g} with a "
+        f"{described(chosen.arguments, chosen.place)}, which is only what comes closest)"
+    )
+    if others:
+        text += f". So do {', '.join(others)}" if len(others) > 1 else f". So does {others[0]}"
     return text

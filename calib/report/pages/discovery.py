@@ -24,6 +24,7 @@ WITH_FORMULA = (
     " It is the formula that stands above, and a function that is as smooth as the records let it be; the formula "
     "alone, less the same linear functions, is drawn over it."
 )
+CLOSEST = " It is only what comes closest to a force that depends on the history of the motion."
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,15 @@ class FormulaRow:
 
 
 @dataclass(frozen=True)
+class HistoryRow:
+    """A law with internal states that was refitted."""
+
+    law: str
+    chi2: str
+    left_out: str
+
+
+@dataclass(frozen=True)
 class ForceRow:
     """A model with free forces that was fitted."""
 
@@ -74,6 +84,8 @@ class DiscoveryChapter:
     formula: Picture | None
     numbers: tuple[NumberRow, ...]
     formulas: tuple[FormulaRow, ...]
+    law: str
+    histories: tuple[HistoryRow, ...]
     trials: tuple[ForceRow, ...]
     effort: str
 
@@ -85,8 +97,8 @@ def discovery_chapter(discovery: DiscoveryResult, result: CalibrationResult) -> 
     ----------
     result : of the calibration as it is now
     """
-    formula = discovery.formula
-    caption = FORCE if formula is None else FORCE + WITH_FORMULA
+    formula, of_history = discovery.formula, discovery.depends_on_history
+    caption = FORCE + (WITH_FORMULA if formula is not None else CLOSEST if of_history else "")
     return DiscoveryChapter(
         verdict=discovery.verdict.replace("_", " "),
         tone=TONES.get(discovery.verdict, "mind"),
@@ -95,8 +107,11 @@ def discovery_chapter(discovery: DiscoveryResult, result: CalibrationResult) -> 
         points=_points(discovery),
         force=pictured(found_force_figure(discovery), "found-force", caption),
         formula=None if formula is None else _typeset(formula),
-        numbers=() if formula is None else _numbers(formula),
+        numbers=_numbers(discovery),
         formulas=_formulas(discovery),
+        law=f"{discovery.histories[0].effect}: {discovery.histories[0].equation}" if of_history else "",
+        histories=tuple(HistoryRow(h.effect, number(h.chi2, 5), number(h.left_out_deviance, 5))
+                        for h in discovery.histories),
         trials=tuple(
             ForceRow(t.body, t.functions, number(t.effective_parameters, 3), number(t.chi2, 5),
                      number(t.left_out_deviance, 5))
@@ -134,20 +149,22 @@ def _points(discovery: DiscoveryResult) -> tuple[str, ...]:
             f"Root mean square over the visited states: {number(force, 3)} m/s² per unit mass, standard error "
             f"{number(error, 2)} m/s²."
         )
-    if discovery.formula is None:
+    if discovery.formula is None and not discovery.depends_on_history:
         points.append("No formula of the dictionary predicts as well as the free function.")
     if discovery.undetermined:
         points.append(f"Not determined beside the calibrated parameters: {', '.join(discovery.undetermined)}.")
     return (*points, *curves)
 
 
-def _numbers(formula: FormulaResult) -> tuple[NumberRow, ...]:
+def _numbers(discovery: DiscoveryResult) -> tuple[NumberRow, ...]:
+    """Numbers of the formula, or of the law with internal states where the force depends on history."""
+    law = discovery.histories[0] if discovery.depends_on_history else discovery.formula
     return tuple(
         NumberRow(
             n.name, rounded(n.value, n.error), "" if n.error is None else number_beside(n.error, n.value),
             "" if n.unit == "1" else raised(n.unit), n.meaning,
         )
-        for n in formula.numbers
+        for n in (() if law is None else law.numbers)
     )  # fmt: skip
 
 

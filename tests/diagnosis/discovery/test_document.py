@@ -9,6 +9,7 @@ from calib.diagnosis.discovery.document import (
     DiscoveryResult,
     FormulaResult,
     FunctionResult,
+    HistoryResult,
     NumberResult,
     TrialResult,
 )
@@ -31,9 +32,11 @@ FOUND = DiscoveryResult(
     ("a multiple of the velocity",), (), (TrialResult("mass", "function of velocity", 500.0, None, 6.5),), (FORMULA,),
     (GateResult("noise", True, "known"),), {"stiffness": 4e3}, {"stiffness": 3.9e3}, 120, 3.5,
 )  # fmt: skip
+DAHL = HistoryResult("presliding", "-F z", (NumberResult("F", 0.09, 0.01, "m/s^2", "friction"),), 480.0, 490.0)
+OF_HISTORY = replace(FOUND, verdict="history_dependent", histories=(DAHL,))
 
 
-@pytest.mark.parametrize("result", [FOUND, DiscoveryResult("nothing", "no free force is significant")])
+@pytest.mark.parametrize("result", [FOUND, OF_HISTORY, DiscoveryResult("nothing", "no free force is significant")])
 def test_a_result_is_read_as_it_was_written(result):
     assert DiscoveryResult.from_dict(json.loads(json.dumps(result.as_dict(), allow_nan=False))) == result
 
@@ -42,6 +45,13 @@ def test_the_formula_is_the_first_where_it_predicts():
     assert FOUND.formula == FORMULA
     assert FORMULA.equation == "c1 v |v|; c1 = -9 1/m"
     assert replace(FOUND, formulas=(replace(FORMULA, predicts=False),)).formula is None
+
+
+def test_a_force_that_depends_on_history_has_no_formula_of_the_state():
+    assert OF_HISTORY.depends_on_history
+    assert not FOUND.depends_on_history
+    assert OF_HISTORY.formula is None
+    assert DAHL.text == "presliding: -F z; F = 0.09 m/s^2"
 
 
 def test_what_is_no_result_is_refused():

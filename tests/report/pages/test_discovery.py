@@ -11,6 +11,7 @@ from calib.diagnosis.discovery.document import (
     DiscoveryResult,
     FormulaResult,
     FunctionResult,
+    HistoryResult,
     NumberResult,
     TrialResult,
 )
@@ -69,6 +70,24 @@ def test_without_a_formula_the_page_says_so():
     found = discovery_chapter(alone, CALIBRATED)
     assert not found.formula
     assert "No formula of the dictionary predicts as well as the free function." in found.points
+
+
+def test_a_law_of_history_stands_in_the_place_of_the_formula(periodic, undrawn):
+    numbers = (NumberResult("dahl_force", 0.0888, 0.0004, "m/s^2", "friction per unit mass when it slips"),)
+    laws = (HistoryResult("presliding", "-dahl_force z", numbers, 791.0, 808.0),
+            HistoryResult("bouc_wen", "-F z", numbers, 790.0, 814.0))  # fmt: skip
+    of_history = replace(FOUND, verdict="history_dependent", summary="it depends on history", histories=laws)
+    found = discovery_chapter(of_history, CALIBRATED)
+    assert (found.tone, found.formula) == ("mind", None)
+    assert found.force.caption.endswith(
+        "It is only what comes closest to a force that depends on the history of the motion."
+    )
+    assert not any("dictionary" in point for point in found.points)
+    page = words(render(periodic.study, [], {}, CALIBRATED, discovery=of_history))
+    assert "history dependent It depends on history." in page
+    assert "Force per unit mass, presliding: -dahl_force z." in page
+    assert "dahl_force 0.0888 0.0004 m/s² friction per unit mass when it slips" in page
+    assert "presliding 791 808 bouc_wen 790 814" in page
 
 
 @pytest.mark.parametrize(
