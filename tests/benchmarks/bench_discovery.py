@@ -133,7 +133,7 @@ def beside_peers(at: Written, law: Hidden, x: np.ndarray, v: np.ndarray) -> tupl
     """Error of the force that is found over states (n,), and what is said."""
     file, values = calibrated(at)
     found = discover(file.study, file.others, values, file.suspects(), pool=InProcess)
-    return error(found, law, "oscillator", x, v), found.summary
+    return stated(found, law, x, v)["stated_error"], found.summary
 
 
 def _trials(found: Discovery) -> list:

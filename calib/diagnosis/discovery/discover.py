@@ -379,7 +379,7 @@ class _ForceSearch:
                          excess_chi2=(self._excess(self.null), 0.0))  # fmt: skip
 
     def _judged(self, on_stage: Callable[[str], None]) -> Discovery:
-        """Take the simplest model that predicts as well as the best, or none."""
+        """Take the simplest model that predicts as well as the best, on a body before at an interface, or none."""
         on_stage("prediction")
         null_left_out = left_out_misfit(self.fitter.evidence, self.null)
         improved = [trial for trial in self.trials if trial.chi2 < self.null.chi2]
@@ -400,7 +400,7 @@ class _ForceSearch:
             for trial, left_out in predictions
             if not best.is_better(left_out) or (left_out.is_better(null_left_out) and trial.stands_for(leading))
         ]
-        chosen = min(tied, key=lambda trial: (trial.complexity, trial.predictive_deviance))
+        chosen = min(tied, key=lambda trial: (trial.complexity, bool(trial.place.gap), trial.predictive_deviance))
         states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.place)
         rivals = tuple({t.body: t.place for t in tied if t.body != chosen.body}.values())
         excess = self._excess(self.null), self._excess(chosen.fitted.fit)

@@ -54,10 +54,14 @@ class HistoryTrial:
         """Values of the parameters of the law, by name."""
         return {p.name: float(self.fit.point.values[p.name]) for p in self.candidate.effect.parameters}
 
+    @property
+    def fitted(self) -> list[str]:
+        """Names of its parameters that are fitted, those of its form too."""
+        return [p.name for p in self.candidate.effect.parameters if p.name in self.fit.names]
+
     def errors(self) -> dict[str, float]:
         """Standard error of each parameter that is fitted, by name."""
-        fitted = [p.name for p in self.candidate.parameters]
-        return dict(zip(fitted, map(float, self.fit.error(fitted)), strict=True))
+        return dict(zip(self.fitted, map(float, self.fit.error(self.fitted)), strict=True))
 
     def surpasses(self, trial: ForceTrial, other: LeftOutMisfit | None) -> bool:
         """Whether it predicts left-out records better than a free force and another model, and fits all as well.
@@ -68,7 +72,7 @@ class HistoryTrial:
             return False
         better = all(self.left_out.is_better(own) for own in (trial.left_out, other) if own is not None)
         dispersion = trial.fitted.dispersion
-        own = self.fit.chi2 / dispersion + 2.0 * len(self.candidate.parameters)
+        own = self.fit.chi2 / dispersion + 2.0 * len(self.fitted)
         return better and own <= trial.chi2 / dispersion + 2.0 * trial.fitted.effective_parameters + CRITERIA.aic_tie
 
 
@@ -81,7 +85,7 @@ def history_trials(
     seed: int,
     on_stage: Callable[[str], None] = lambda text: None,
 ) -> tuple[HistoryTrial, ...]:
-    """Refit laws with internal states, their form too, in the place of a free force: the one that predicts best first.
+    """Refit laws with internal states, their form too, in the place of a free force, ordered.
 
     Those that attain as little as the free force, and that have a significant score test or none.
 
@@ -112,7 +116,20 @@ def history_trials(
         fit = fitter.fit(null.point, (*null.candidates, formed), candidate.values(sizes), rival=rival)
         if fit.names and fit.chi2 < rival:
             trials.append(HistoryTrial(formed.at(fit.point.values), fit, left_out_misfit(fitter.evidence, fit)))
-    return tuple(sorted(trials, key=lambda trial: trial.predictive_deviance))
+    return ordered(trials)
+
+
+def ordered(trials: Sequence[HistoryTrial]) -> tuple[HistoryTrial, ...]:
+    """Order laws by what they predict, but of those that tie with the best the fewest numbers first."""
+    best = min(trials, key=lambda trial: trial.predictive_deviance, default=None)
+
+    def rank(trial: HistoryTrial) -> tuple[bool, int, float]:
+        beaten = (
+            best is None or best.left_out is None or trial.left_out is None or best.left_out.is_better(trial.left_out)
+        )
+        return beaten, 0 if beaten else len(trial.fitted), trial.predictive_deviance
+
+    return tuple(sorted(trials, key=rank))
 
 
 def _may_act(suspect: Screened, threshold: float) -> bool:

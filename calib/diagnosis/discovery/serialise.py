@@ -69,8 +69,7 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
 def _formula(trial: FormulaTrial) -> FormulaResult:
     errors = trial.errors()
     numbers = tuple(
-        NumberResult(n.name, n.value, errors[n.name] if np.isfinite(errors[n.name]) else None, n.unit, n.meaning)
-        for n in trial.formula.numbers
+        NumberResult(n.name, n.value, _finite(errors[n.name]), n.unit, n.meaning) for n in trial.formula.numbers
     )
     left_out = None if trial.left_out is None else trial.left_out.deviance
     return FormulaResult(
@@ -79,10 +78,14 @@ def _formula(trial: FormulaTrial) -> FormulaResult:
     )  # fmt: skip
 
 
+def _finite(error: float | None) -> float | None:
+    return error if error is not None and np.isfinite(error) else None
+
+
 def _history(trial: HistoryTrial) -> HistoryResult:
     errors = trial.errors()
     numbers = tuple(
-        NumberResult(p.name, trial.values[p.name], errors.get(p.name), p.unit, p.meaning)
+        NumberResult(p.name, trial.values[p.name], _finite(errors.get(p.name)), p.unit, p.meaning)
         for p in trial.candidate.effect.parameters
     )
     left_out = None if trial.left_out is None else trial.left_out.deviance
