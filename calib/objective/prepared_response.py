@@ -56,8 +56,8 @@ class PreparedResponse:
         simulated = self._read(simulated)
         size = self.record.sizes["point"]
         frequency, amplitude = np.empty(size), np.empty((len(self.bodies), size), dtype=complex)
-        for point, foot in self._feet(simulated):
-            frequency[point], amplitude[:, point] = foot.frequency, foot.amplitude
+        for points, feet in self._feet(simulated):
+            frequency[points], amplitude[:, points] = feet.frequency, feet.amplitude
         values = {
             "frequency": ("point", frequency, {"units": "Hz"}),
             "in_phase": (("body", "point"), amplitude.real, {"units": "m"}),
@@ -76,8 +76,9 @@ class PreparedResponse:
         """
         parts = self.reference.compared
         rows, own = self._rows, np.array([parts[part].values for part in PARTS])
-        for point, foot in self._feet(self._read(simulated)):
-            own[:, rows, point] -= _turned(foot.apart, foot.tangent)[1:].reshape(len(PARTS), len(rows))
+        for points, feet in self._feet(self._read(simulated)):
+            turned = _turned(feet.apart, feet.tangent)[:, 1:].T.reshape(len(PARTS), len(rows), len(points))
+            own[:, np.array(rows)[:, None], points] -= turned
         values = {part: (("body", "point"), values) for part, values in zip(PARTS, own, strict=True)}
         return parts.assign({**values, "trust": ("point", np.ones(own.shape[-1]))})
 
@@ -94,16 +95,14 @@ class PreparedResponse:
         """Numbers of the bodies that are compared."""
         return [self.bodies.index(body) for body in self._bodies]
 
-    def _feet(self, simulated: xr.Dataset) -> Iterator[tuple[int, "_Foot"]]:
-        """Each measured point with the nearest one of the curve of its sweep."""
+    def _feet(self, simulated: xr.Dataset) -> Iterator[tuple[np.ndarray, "_Feet"]]:
+        """Measured points of each sweep with the nearest ones of its curve."""
         rows = self._rows
-        measured, own = self.record["frequency"].values, complex_amplitude(self.record)
+        measured, own = self.record["frequency"].values, complex_amplitude(self.record)[rows]
+        target = np.column_stack([measured, own.real.T, own.imag.T])
+        sigma = np.column_stack([self._frequency_sigma, self._sigma[rows].T, self._sigma[rows].T])
         for sweep, points in sweeps(self.record):
-            curves = _curves(simulated, sweep)
-            for point in points.tolist():
-                sigma = np.concatenate([[self._frequency_sigma[point]], *(2 * [self._sigma[rows, point]])])
-                target = np.concatenate([[measured[point]], own[rows, point].real, own[rows, point].imag])
-                yield point, _nearest(curves, target, sigma, rows)
+            yield points, _nearest(_curves(simulated, sweep), target[points], sigma[points], rows)
 
     def penalty(self, motion: MotionKind) -> float | None:
         """None: a response is of no kind of motion."""
@@ -159,19 +158,19 @@ def _curves(simulated: xr.Dataset, sweep: float) -> list[tuple[np.ndarray, Cubic
     return curves
 
 
-class _Foot(NamedTuple):
-    """The point of a curve that is nearest to a measured one.
+class _Feet(NamedTuple):
+    """The points of curves that are nearest to k measured ones.
 
     Attributes
     ----------
-    frequency : [Hz]
-    amplitude : (body,) complex  [m]
-    apart : (1 + 2 n,) measured point less this one: frequency, real and imaginary parts of the n compared bodies, each
+    frequency : (k,) [Hz]
+    amplitude : (body, k) complex  [m]
+    apart : (k, 1 + 2 n) measured points less these: frequency, real and imaginary parts of the n compared bodies, each
         in its standard uncertainty
-    tangent : (1 + 2 n,) unit vector along the curve, likewise, towards higher frequencies
+    tangent : (k, 1 + 2 n) unit vectors along the curve, likewise, towards higher frequencies
     """
 
-    frequency: float
+    frequency: np.ndarray
     amplitude: np.ndarray
     apart: np.ndarray
     tangent: np.ndarray
@@ -182,50 +181,58 @@ def _nearest(
     target: np.ndarray,
     sigma: np.ndarray,
     rows: Sequence[int],
-) -> _Foot:
-    """Point of the curves that is nearest to a measured one.
+) -> _Feet:
+    """Points of the curves that are nearest to k measured ones.
 
-    target, sigma : (1 + 2 n,) frequency, real parts and imaginary parts of n compared bodies, and their uncertainties
+    target, sigma : (k, 1 + 2 n) frequency, real parts and imaginary parts of n compared bodies, and their uncertainties
     """
-    best, found = np.inf, (np.empty(0), np.empty(0))
     bodies = (curves[0][2].shape[1] - 1) // 2
     columns = [0, *(1 + row for row in rows), *(1 + bodies + row for row in rows)]
+    best, foot, ahead = np.full(len(target), np.inf), *np.zeros((2, len(target), curves[0][2].shape[1]))
     for along, spline, points in curves:
         fine = np.interp(
             np.arange(SAMPLES_PER_INTERVAL * (along.size - 1) + 1) / SAMPLES_PER_INTERVAL, np.arange(along.size), along
         )
         sampled = _at(fine, along, spline, points)
-        square = (((sampled[:, columns] - target) / sigma) ** 2).sum(axis=1)
-        place = int(np.argmin(square))
-        low, high = max(place - 1, 0), min(place + 1, fine.size - 1)
-        foot, ahead = sampled[place], sampled[high] - sampled[low]
+        place = np.argmin(_squares(sampled[:, columns], target, sigma), axis=1)
+        low, high = np.maximum(place - 1, 0), np.minimum(place + 1, fine.size - 1)
+        own, onward = sampled[place], sampled[high] - sampled[low]
         if spline is not None:
-            at = _foot(spline, float(fine[place]), (float(fine[low]), float(fine[high])), columns, target, sigma)
-            foot, ahead = spline(at), spline(at, 1)
-        distance = float((((foot[columns] - target) / sigma) ** 2).sum())
-        if distance < best:
-            best, found = distance, (foot, ahead)
-    foot, ahead = found
-    tangent = ahead[columns] / sigma
-    length = float(np.linalg.norm(tangent))
-    tangent = np.eye(1, tangent.size)[0] if length == 0.0 else np.copysign(1.0, tangent[0]) * tangent / length
-    amplitude = foot[1 : 1 + bodies] + 1j * foot[1 + bodies :]
-    return _Foot(float(foot[0]), amplitude, (target - foot[columns]) / sigma, tangent)
+            at = _foot_parameters(spline, fine[place], (fine[low], fine[high]), columns, target, sigma)
+            own, onward = spline(at), spline(at, 1)
+        distance = (((own[:, columns] - target) / sigma) ** 2).sum(axis=1)
+        nearer = distance < best
+        best[nearer], foot[nearer], ahead[nearer] = distance[nearer], own[nearer], onward[nearer]
+    tangent = ahead[:, columns] / sigma
+    length = np.linalg.norm(tangent, axis=1, keepdims=True)
+    tangent = np.divide(tangent, length, out=np.zeros_like(tangent), where=length > 0.0)
+    tangent[length[:, 0] == 0.0, 0] = 1.0
+    tangent *= np.copysign(1.0, tangent[:, :1])
+    amplitude = foot[:, 1 : 1 + bodies] + 1j * foot[:, 1 + bodies :]
+    return _Feet(foot[:, 0], amplitude.T, (target - foot[:, columns]) / sigma, tangent)
 
 
-def _turned(vector: np.ndarray, tangent: np.ndarray) -> np.ndarray:
-    """Turn a vector by the rotation that takes a unit tangent of no negative first component to the first axis.
+def _squares(sampled: np.ndarray, target: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Squared distances (k, s) of k measured points from s of a curve."""
+    squares = np.zeros((len(target), len(sampled)))
+    for own, wanted, uncertainty in zip(sampled.T, target.T, sigma.T, strict=True):
+        squares += ((own - wanted[:, None]) / uncertainty[:, None]) ** 2
+    return squares
 
-    In their plane, by I + K + K^2 / (1 + cos a) with K = e t' - t e' and a the angle between them.
+
+def _turned(vectors: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    """Turn vectors (k, d) by the rotations that take unit tangents of no negative first component to the first axis.
+
+    In the plane of each, by I + K + K^2 / (1 + cos a) with K = e t' - t e' and a the angle between them.
     """
 
     def swung(own: np.ndarray) -> np.ndarray:
-        swing = -own[0] * tangent
-        swing[0] += tangent @ own
+        swing = -own[:, :1] * tangents
+        swing[:, 0] += (tangents * own).sum(axis=1)
         return swing
 
-    once = swung(vector)
-    return vector + once + swung(once) / (1.0 + tangent[0])
+    once = swung(vectors)
+    return vectors + once + swung(once) / (1.0 + tangents[:, :1])
 
 
 def _at(fine: np.ndarray, along: np.ndarray, spline: CubicSpline | None, points: np.ndarray) -> np.ndarray:
@@ -234,23 +241,22 @@ def _at(fine: np.ndarray, along: np.ndarray, spline: CubicSpline | None, points:
     return np.column_stack([np.interp(fine, along, column) for column in points.T])
 
 
-def _foot(
+def _foot_parameters(
     spline: CubicSpline,
-    at: float,
-    bounds: tuple[float, float],
+    at: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
     columns: list[int],
     target: np.ndarray,
     sigma: np.ndarray,
-) -> float:
-    """Parameter of the nearest point of a spline within bounds, by Newton's method on the squared distance."""
+) -> np.ndarray:
+    """Parameters (k,) of the nearest points of a spline within bounds, by Newton's method on the squared distances."""
     for _ in range(MAX_FOOT_STEPS):
-        apart, slope, bend = (
-            (spline(at, order)[columns] - (target if order == 0 else 0.0)) / sigma for order in range(3)
-        )
-        curvature = float(slope @ slope + apart @ bend)
-        if curvature <= 0.0:
-            curvature = float(slope @ slope)
-        if curvature == 0.0:
-            break
-        at = float(np.clip(at - float(slope @ apart) / curvature, *bounds))
+        apart, slope, bend = (spline(at, order)[:, columns] for order in range(3))
+        apart, slope, bend = (apart - target) / sigma, slope / sigma, bend / sigma
+        square = (slope**2).sum(axis=1)
+        curvature = square + (apart * bend).sum(axis=1)
+        curvature = np.where(curvature > 0.0, curvature, square)
+        descent = (slope * apart).sum(axis=1)
+        step = np.divide(descent, curvature, out=np.zeros_like(at), where=curvature > 0.0)
+        at = np.clip(at - step, *bounds)
     return at
