@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.swept_response import swept_response
+from calib.dynamics.swept_response import KnownSweeps, swept_curves
 from calib.execution.pool import Failure, in_order
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
@@ -55,6 +55,7 @@ class Run:
     rows : (body, channel) pairs instead of those of `Bench.rows`; empty for these. Where not all of them were measured,
         they are not aligned
     times : (n,) instants of the samples instead of the request's [s]; None for these
+    sweeps : beside which the curves of a frequency response are sought first
     """
 
     record: str
@@ -65,6 +66,7 @@ class Run:
     start: Start | None = None
     rows: tuple[tuple[str, str], ...] = ()
     times: np.ndarray | None = None
+    sweeps: KnownSweeps = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +78,11 @@ class SimulatedRows:
     rows : (row, n) channels of bodies, in the order of `Bench.rows` of the record
     trust : (n,) in velocities, 0 next to an impact of the simulation
     state : of the simulator at the end, from which the next run starts; None without one
+    sweeps : curves of a frequency response, beside which those of the next run are sought
     nuisances : by name, in SI
     given : (body, channel) pairs that the simulation prescribes
     impacts : number in the record; None where the simulator does not report impacts
-    features : scalar features, measured and simulated; only of a run without `state`
+    features : scalar features, measured and simulated; only of a run near no other
     wrong : how its kind of motion differs from the measured one, or where nothing was measured, that it is irregular;
         "" where neither holds, or neither was checked
     time : (n,) instants of the simulation where nothing was measured  [s]
@@ -91,6 +94,7 @@ class SimulatedRows:
     rows: np.ndarray
     trust: np.ndarray
     state: np.ndarray | None = None
+    sweeps: KnownSweeps = field(default_factory=dict)
     nuisances: Mapping[str, float] = field(default_factory=dict)
     given: tuple[tuple[str, str], ...] = ()
     impacts: int | None = None
@@ -130,7 +134,7 @@ class Bench:
 
     def __call__(self, run: Run) -> SimulatedRows:
         """Simulate and align."""
-        record, slopes = self._simulated(run)
+        record, slopes, sweeps = self._simulated(run)
         status = record.attrs["status"]
         if status != OK:
             return replace(_failed(status, str(record.attrs.get("reason", ""))), simulations=simulations(record))
@@ -152,12 +156,13 @@ class Bench:
         if slopes:
             changes = [[own[channel][bodies.index(body)] for body, channel in pairs] for own in slopes.values()]
             start = Start(initial_state(record), np.array(changes))
-        first = measured and run.state is None and run.start is None
+        first = measured and run.state is None and run.start is None and not run.sweeps
         wrong = self.objective.wrong_kind(run.record, record) if first else ""
         return SimulatedRows(
             rows=rows,
             trust=compared["trust"].values,
             state=record["state"].values if "state" in record.variables else None,
+            sweeps=sweeps,
             nuisances=_nuisances(compared),
             given=prescribed(record),
             impacts=record.sizes.get("impact"),
@@ -168,20 +173,21 @@ class Bench:
             simulations=simulations(record),
         )
 
-    def _simulated(self, run: Run) -> tuple[xr.Dataset, Mapping[str, Mapping[str, np.ndarray]]]:
-        """The simulated record, and its derivatives by an initial state that was solved for, else none."""
+    def _simulated(self, run: Run) -> tuple[xr.Dataset, Mapping[str, Mapping[str, np.ndarray]], KnownSweeps]:
+        """The simulated record, its derivatives by an initial state that was solved for, else none, and its curves."""
         reference = self.objective.references[run.record]
         excitation = run.excitation or reference.excitation
         request, model = self._request(run, excitation), self.model.extended(*run.effects)
         values, start = values_for(run.values, run.record), run.start
         if start is not None:
-            return with_initial_state(model.run({**values, **start.state}, excitation, request), start.state), {}
+            return with_initial_state(model.run({**values, **start.state}, excitation, request), start.state), {}, {}
         if run.excitation is None and reference.frees_initial_state:
             released = self.objective.released(run.record, model, values, request)
-            return released.record, released.slopes
+            return released.record, released.slopes, {}
         if run.excitation is None and reference.is_swept:
-            return swept_response(model, values, excitation, reference.record), {}
-        return model.run(values, excitation, request), {}
+            record, sweeps = swept_curves(model, values, excitation, reference.record, run.sweeps)
+            return record, {}, sweeps
+        return model.run(values, excitation, request), {}, {}
 
     def _request(self, run: Run, excitation: Excitation) -> Request:
         """What the simulator is asked to compute."""

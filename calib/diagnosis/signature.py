@@ -136,7 +136,8 @@ class Point:
         changed, effects = {**self.values, **(values or {})}, (*self.effects, *effects)
         views = [(name, self.simulated[name]) for name in names]
         return [
-            Run(name, changed, effects, view.state, start=(starts or {}).get(name, view.start)) for name, view in views
+            Run(name, changed, effects, view.state, start=(starts or {}).get(name, view.start), sweeps=view.sweeps)
+            for name, view in views
         ]
 
 

@@ -20,7 +20,7 @@ CLEARANCE_STEPS = 3  # of Newton's method to the instant of the least clearance
 
 
 class Motion(NamedTuple):
-    """Modal motion (n, m), position and rate (p, m) at the places, at m instants of a period."""
+    """Modal motion (..., n, m), position and rate (..., p, m) at the places, at m instants of a period."""
 
     modal: np.ndarray
     position: np.ndarray
@@ -70,10 +70,18 @@ class HarmonicBalance:
 
     def residual(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
         """Left-hand sides (n, 2 H + 1) less right-hand sides, of coefficients of a drive of `amplitude` at `omega`."""
-        forces = self.forces(y, omega, amplitude)
-        return self._linear(y, omega) - self._drive(omega, amplitude) - self.system.gain @ (
-            forces.value @ self._analysis.T
-        )  # fmt: skip
+        return self.balanced(y, omega, amplitude, self.forces(y, omega, amplitude).value)
+
+    def balanced(
+        self, y: np.ndarray, omega: float | np.ndarray, amplitude: float | np.ndarray, forces: np.ndarray
+    ) -> np.ndarray:
+        """Left-hand sides less right-hand sides (..., n, 2 H + 1) with these `forces` (..., p, m), of many motions too.
+
+        y (..., n, 2 H + 1), omega and amplitude (...,)
+        """
+        omega, amplitude = np.asarray(omega), np.asarray(amplitude)
+        linear, drive = self._linear(y, omega), self._drive(omega, amplitude)
+        return np.asarray(linear - drive - self.system.gain @ (forces @ self._analysis.T))
 
     def derivatives(self, y: np.ndarray, omega: float, amplitude: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the derivatives of the residual by the coefficients, by omega and by the amplitude of the drive.
@@ -117,6 +125,16 @@ class HarmonicBalance:
             self._last = key, self.system.forces(motion.position, motion.rate, times)
         return self._last[1]
 
+    def forces_of_all(self, y: np.ndarray, omega: np.ndarray, amplitude: np.ndarray) -> list[Forces]:
+        """Forces along each of k motions: coefficients (k, n, 2 H + 1), angular frequencies and amplitudes (k,)."""
+        position, rate = self.motion(y, omega, amplitude)[1:]
+        times = (self.phase - self.system.phase) / omega[:, None]
+        if self.system.marched:
+            return [self.system.forces(*own) for own in zip(position, rate, times, strict=True)]
+        joined = (np.concatenate(part, axis=-1) for part in (position, rate, times))
+        parts = self.system.forces(*joined)[:3]
+        return [Forces(*own) for own in zip(*(np.split(part, len(y), axis=-1) for part in parts), strict=True)]
+
     def inner_states(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
         """Internal states (q,) of the forces at the section, linear between the instants; none where there are none."""
         inner = self.forces(y, omega, amplitude).inner if self.system.marched else None
@@ -126,10 +144,11 @@ class HarmonicBalance:
         at = self.system.phase % (2.0 * np.pi)
         return np.array([np.interp(at, around[0], row) for row in around[1]])
 
-    def motion(self, y: np.ndarray, omega: float, amplitude: float) -> Motion:
-        """Motion of the modes and at the places."""
+    def motion(self, y: np.ndarray, omega: float | np.ndarray, amplitude: float | np.ndarray) -> Motion:
+        """Motion of the modes and at the places, of coefficients (..., n, 2 H + 1); omega and amplitude (...,)."""
         places = self.system.places
-        modal, rate = y @ self._synthesis.T, y @ (omega * self._slope).T
+        omega, amplitude = (np.asarray(own)[..., None, None] for own in (omega, amplitude))
+        modal, rate = y @ self._synthesis.T, omega * (y @ self._slope.T)
         drive = amplitude * places.drive[:, None]
         return Motion(
             modal,
@@ -157,8 +176,11 @@ class HarmonicBalance:
         Small differences are carried over the period by the exponential of the Magnus series to fourth order (Iserles
         et al., Acta Numerica 9 (2000) 215), two instants a step.
         """
+        return self.multipliers_by(self.forces(y, omega, amplitude), omega)
+
+    def multipliers_by(self, forces: Forces, omega: float) -> np.ndarray:
+        """Floquet multipliers as `multipliers`, of the motion along which the forces are these."""
         system, n = self.system, len(self.system.stiffness)
-        forces = self.forces(y, omega, amplitude)
         shape, inner = system.places.shape, forces.inner
         dimension = 2 * n + (0 if inner is None else len(inner.place))
         rates = np.zeros((len(self.phase) + 1, dimension, dimension))
@@ -277,22 +299,23 @@ class HarmonicBalance:
         whole[..., 1::2], whole[..., 2::2] = amplitudes[..., 1:].real, -amplitudes[..., 1:].imag
         return whole
 
-    def _linear(self, y: np.ndarray, omega: float) -> np.ndarray:
-        system = self.system
+    def _linear(self, y: np.ndarray, omega: np.ndarray) -> np.ndarray:
+        system, omega = self.system, omega[..., None, None]
         damping, stiffness = 2.0 * system.rate[:, None] * omega, system.stiffness[:, None]
         return omega**2 * (y @ self._curvature) + damping * self.slope(y) + stiffness * y
 
-    def _drive(self, omega: float, amplitude: float) -> np.ndarray:
-        """Modal load (n, 2 H + 1) of the drive and the constants."""
-        load = self._loaded(np.array([1.0, 1j * omega, -(omega**2)]) * amplitude)
-        load[:, 0] = self.system.constant
+    def _drive(self, omega: float | np.ndarray, amplitude: float | np.ndarray) -> np.ndarray:
+        """Modal load (..., n, 2 H + 1) of the drive and the constants."""
+        rate = 1j * np.asarray(omega)
+        load = self._loaded(np.stack([np.ones_like(rate), rate, rate**2], axis=-1) * np.asarray(amplitude)[..., None])
+        load[..., 0] = self.system.constant
         return load
 
     def _loaded(self, input: np.ndarray) -> np.ndarray:
-        """Modal load (n, 2 H + 1) of complex amplitudes (3,) of U, U' and U''."""
-        load = np.zeros((len(self.system.stiffness), self.size))
-        whole = self.system.load @ input
-        load[:, 1], load[:, 2] = whole.real, -whole.imag
+        """Modal load (..., n, 2 H + 1) of complex amplitudes (..., 3) of U, U' and U''."""
+        whole = input @ self.system.load.T
+        load = np.zeros((*whole.shape, self.size))
+        load[..., 1], load[..., 2] = whole.real, -whole.imag
         return load
 
 

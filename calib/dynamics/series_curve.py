@@ -18,7 +18,7 @@ from calib.dynamics.orbits import newton
 from calib.dynamics.response import AMPLITUDE, FREQUENCY
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.modelling.modal_system import ModalMap, ModalSystem
+from calib.modelling.modal_system import Forces, ModalMap, ModalSystem
 
 MAX_FIRST_STEPS = 30  # of Newton's method from the linear motion, or from the motion at a frequency beside it
 SIZE_FREQUENCIES = 200  # of the linear motion whose largest is the first idea of the size
@@ -82,6 +82,12 @@ class SeriesCurve:
         frequency = self.parameter(z)
         return self.scale * z[:-1].reshape(-1, self.balance.size), 2.0 * math.pi * frequency, self.drive(frequency)
 
+    def unpacked_all(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients (m, n, 2 H + 1), angular frequencies [rad/s] and amplitudes of U (m,) of points (m, d)."""
+        frequency = (1.0 - z[:, -1]) * self.low + z[:, -1] * self.high
+        amplitude = np.array([self.drive(own) for own in frequency.tolist()])
+        return self.scale * z[:, :-1].reshape(len(z), -1, self.balance.size), 2.0 * math.pi * frequency, amplitude
+
     def packed(self, y: np.ndarray, frequency: float) -> np.ndarray:
         """Point z (d,) of coefficients at a frequency [Hz]."""
         return np.append(y.ravel() / self.scale, (frequency - self.low) / (self.high - self.low))
@@ -94,6 +100,11 @@ class SeriesCurve:
     def residual(self, z: np.ndarray) -> np.ndarray:
         """What is left of the balance (d - 1,), in units of its terms."""
         return self.balance.residual(*self.unpacked(z)).ravel() / self._units
+
+    def residuals(self, z: np.ndarray, forces: Sequence[Forces]) -> np.ndarray:
+        """Residuals (m, d - 1) of points (m, d) along whose motions the forces are these."""
+        value = np.stack([own.value for own in forces])
+        return self.balance.balanced(*self.unpacked_all(z), value).reshape(len(z), -1) / self._units
 
     def derivative(self, z: np.ndarray) -> np.ndarray:
         """Derivative (d - 1, d) of the residual."""

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 import xarray as xr
@@ -29,7 +30,7 @@ from calib.dynamics.response import (
 )
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import kind_of_run
-from calib.dynamics.swept_series import SeriesSweep, series_sweep
+from calib.dynamics.swept_series import SeriesStretch, SeriesSweep, series_sweep
 from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK, failed
@@ -46,19 +47,19 @@ MIN_SWEEP_STEP = 0.002  # between two frequencies, over the window  [1]
 MAX_END_POINTS = 60  # one way of the curve on which the end of a stretch is found
 MAX_SWEEP_CORRECTIONS = 8  # Newton steps at one frequency
 
+KnownSweeps = Mapping[float, SeriesStretch]  # by the number of the sweep
+
 
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A stable stretch of one branch in the order swept, m cycles.
 
-    frequency (m,) [Hz]; states (m, dimension) of the section; periods of one return; complex amplitudes (m, body) [m]
-    where they are known
+    frequency (m,) [Hz]; states (m, dimension) of the section; periods of one return
     """
 
     frequency: np.ndarray
     states: np.ndarray
     periods: int
-    amplitude: np.ndarray | None = None
 
 
 @dataclass
@@ -72,7 +73,7 @@ class SweptPath:
     reason : why nothing was followed, or ""
     """
 
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: list[Piece | SeriesStretch] = field(default_factory=list)
     jumps: list[tuple[str, float]] = field(default_factory=list)
     reason: str = ""
 
@@ -80,6 +81,17 @@ class SweptPath:
 def swept_response(
     model: Model, values: Mapping[str, float], excitation: Excitation, measured: xr.Dataset
 ) -> xr.Dataset:
+    """Return the response of `swept_curves`, sought without a known one."""
+    return swept_curves(model, values, excitation, measured)[0]
+
+
+def swept_curves(
+    model: Model,
+    values: Mapping[str, float],
+    excitation: Excitation,
+    measured: xr.Dataset,
+    known: KnownSweeps = MappingProxyType({}),
+) -> tuple[xr.Dataset, KnownSweeps]:
     """Response that sweeps of the levels and directions of a measured one run through, beyond its ends by a margin.
 
     Parameters
@@ -87,11 +99,13 @@ def swept_response(
     values : SI; the nominal value stands in for what they lack
     excitation : its place and quantity count; frequency and level are those of the record
     measured : frequency response, see `calib.records.response`
+    known : curves that this function gave for other values: those of these values are sought beside them
 
     Returns
     -------
     response of the same sweeps, with the points of the continuation; `piece` (point,) numbers its stable stretches, and
     the attribute `jumps` says where they end. A failed record where the motions of a sweep are not periodic.
+    curves of those sweeps that are one stretch of series
 
     Raises
     ------
@@ -103,14 +117,16 @@ def swept_response(
     setting = Setting(model, first, values)
     bodies = sampled(setting, setting.map()).bodies
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("frequency", "amplitude", "level", "sweep", "piece")}
-    directions, jumps, number = list[np.ndarray](), list[str](), 0
+    directions, jumps, number, curves = list[np.ndarray](), list[str](), 0, dict[float, SeriesStretch]()
     for sweep, points in sweeps(measured):
         direction = float(measured["direction"][points[0]])
         level = level_over_frequency(measured["frequency"].values[points], measured["level"].values[points])
         stops = _stops(measured["frequency"].values[points], direction)
-        path = swept_path(partial(_map, setting, level), stops, series_sweep(setting, level, stops))
+        path = _path(setting, level, stops, known.get(sweep))
         if path.reason:
-            return failed(bodies, "not periodic", f"sweep {sweep:g}: {path.reason}")
+            return failed(bodies, "not periodic", f"sweep {sweep:g}: {path.reason}"), {}
+        if len(path.pieces) == 1 and isinstance(path.pieces[0], SeriesStretch):
+            curves[sweep] = path.pieces[0]
         jumps += [f"sweep {sweep:g}: {kind} at {at:.9g} Hz" for kind, at in path.jumps]
         for piece in path.pieces:
             own = piece.frequency
@@ -127,7 +143,16 @@ def swept_response(
         joined["sweep"], np.concatenate(directions), jumps="; ".join(jumps),
         source=f"simulated by {model.simulator.name}",
     )  # fmt: skip
-    return record.assign(piece=("point", joined["piece"]))
+    return record.assign(piece=("point", joined["piece"])), curves
+
+
+def _path(
+    setting: Setting, level: Callable[[float], float], stops: np.ndarray, known: SeriesStretch | None
+) -> SweptPath:
+    """Path of a sweep, beside a known stretch over the same stops where there is one."""
+    series = series_sweep(setting, level, stops)
+    beside = series.beside(known) if series and known else None
+    return SweptPath([beside]) if beside else swept_path(partial(_map, setting, level), stops, series)
 
 
 def level_over_frequency(frequency: np.ndarray, level: np.ndarray) -> Callable[[float], float]:
@@ -167,9 +192,9 @@ def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:
     return np.array([*stops, high])[:: int(direction)]
 
 
-def _amplitudes(setting: Setting, level: Callable[[float], float], piece: Piece) -> np.ndarray:
+def _amplitudes(setting: Setting, level: Callable[[float], float], piece: Piece | SeriesStretch) -> np.ndarray:
     """Complex amplitudes (m, body) of the displacement of a stretch  [m]."""
-    if piece.amplitude is not None:
+    if isinstance(piece, SeriesStretch):
         return piece.amplitude
     pairs = zip(piece.frequency.tolist(), piece.states, strict=True)
     return np.array([harmonics_of_cycle(setting, piece.periods, 1, f, level(f), x)[0][:, 1] for f, x in pairs])
@@ -238,8 +263,8 @@ class _Sweep:
         """Follow a stable motion to its end; return from where the sweep goes on, None at the end of the window."""
         stretch = None if self.series is None or periods > 1 else self.series.stretch(frequency, state)
         if stretch is not None:
-            self.path.pieces.append(Piece(stretch.frequency, stretch.states, 1, stretch.amplitude))
-            return self._jumped(stretch.end, float(stretch.frequency[-1]), stretch.states[-1]) if stretch.end else None
+            self.path.pieces.append(stretch)
+            return self._jumped(stretch.end, float(stretch.frequency[-1]), stretch.last) if stretch.end else None
         known, states = [frequency], [state]
         while (stop := self._next_stop(known[-1])) is not None:
             for halving in range(MAX_HALVINGS + 1):

@@ -14,8 +14,17 @@ import numpy as np
 
 from calib.dynamics.arclength import MAX_ARCLENGTH_STEP, Mark, OneWay, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
+from calib.dynamics.neighbour_curve import MAX_SPACING_RATIO, neighbour_curve
 from calib.dynamics.response import harmonics_of_cycle
-from calib.dynamics.series_curve import SeriesCurve, SeriesMotion, at_own_scale, linear_size, modal_system
+from calib.dynamics.series_curve import (
+    MAX_SIZE_RATIO,
+    MIN_SIZE_RATIO,
+    SeriesCurve,
+    SeriesMotion,
+    at_own_scale,
+    linear_size,
+    modal_system,
+)
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.modelling.modal_system import ModalSystem
@@ -28,14 +37,23 @@ SAME_MOTION = 0.02  # between the harmonics of a cycle and the series found from
 
 
 class SeriesStretch(NamedTuple):
-    """A stable stretch: frequencies (m,) [Hz], complex amplitudes (m, body) [m], states (m, dimension), and its end.
+    """A stable stretch of m motions.
 
+    Attributes
+    ----------
+    frequency : (m,)  [Hz]
+    amplitude : (m, body) complex  [m]
+    coefficients : (m, n, 2 H + 1) of the modal motion  [kg^1/2 m]
+    scale : of these by which the steps along it were chosen  [kg^1/2 m]
+    last : state (dimension,) of the section at its last motion
     end : kind of the special point at its end; "" at the edge of the window
     """
 
     frequency: np.ndarray
     amplitude: np.ndarray
-    states: np.ndarray
+    coefficients: np.ndarray
+    scale: float
+    last: np.ndarray
     end: str
 
 
@@ -100,14 +118,49 @@ class SeriesSweep:
             largest = max(motions, key=lambda motion: float(np.abs(motion.z[:-1]).max()))
             looked_at = (curve.unpacked(motion.z) for motion in (motions[0], largest, motions[-1]))
             if all(balance.left_out(*motion) <= MAX_LEFT_OUT for motion in looked_at):
-                begin = self.setting.section_phase
-                return SeriesStretch(
-                    np.array([curve.parameter(motion.z) for motion in motions]),
-                    np.array([curve.complex_amplitudes(motion.z, begin)[:, 1] for motion in motions]),
-                    np.array([curve.state(motion.z) for motion in motions]),
-                    end,
-                )
+                return self._stretch(curve, np.array([motion.z for motion in motions]), end)
         return None
+
+    def beside(self, known: SeriesStretch) -> SeriesStretch | None:
+        """Stable stretch over the window beside one of other parameters; None where it is sought without that.
+
+        That is where the known one ends before the window does or has other modes, and where the new one loses its
+        stability, comes to a stop, or needs other steps or more harmonics.
+        """
+        _, modes, size = known.coefficients.shape
+        whole = not known.end and {*known.frequency[[0, -1]].tolist()} == {*self.window}
+        if not whole or modes != len(self.system.stiffness):
+            return None
+        balance = HarmonicBalance(self.system, (size - 1) // 2)
+        curve = self._curve(balance, known.scale)
+        found = neighbour_curve(
+            curve,
+            np.array([curve.packed(*own) for own in zip(known.coefficients, known.frequency.tolist(), strict=True)]),
+        )
+        if found is None:
+            return None
+        z, forces = found
+        largest = int(np.argmax(np.abs(z[:, :-1]).max(axis=1)))
+        coefficients, omega, amplitude = curve.unpacked_all(z)
+        suits = MIN_SIZE_RATIO <= np.abs(z[largest, :-1]).max() <= MAX_SIZE_RATIO
+        close = np.linalg.norm(np.diff(z, axis=0), axis=1).max() <= MAX_SPACING_RATIO * self.longest_step
+        stable = all(
+            abs(balance.multipliers_by(*own)[0]) < 1.0 for own in zip(forces, omega.tolist(), strict=True)
+        ) and all(balance.clearance(*own) >= 0.0 for own in zip(coefficients, amplitude.tolist(), strict=True))
+        described = all(balance.left_out(*curve.unpacked(z[at])) <= MAX_LEFT_OUT for at in (0, largest, -1))
+        return self._stretch(curve, z, "") if suits and close and stable and described else None
+
+    def _stretch(self, curve: SeriesCurve, z: np.ndarray, end: str) -> SeriesStretch:
+        """Stretch of the motions at points (m, d) of a curve."""
+        begin = self.setting.section_phase
+        return SeriesStretch(
+            np.array([curve.parameter(own) for own in z]),
+            np.array([curve.complex_amplitudes(own, begin)[:, 1] for own in z]),
+            curve.unpacked_all(z)[0],
+            curve.scale,
+            curve.state(z[-1]),
+            end,
+        )
 
     def _followed(
         self, balance: HarmonicBalance, y: np.ndarray, frequency: float, scale: float

@@ -9,7 +9,7 @@ from calib.dynamics import swept_response as swept_response_module
 from calib.dynamics import swept_series
 from calib.dynamics.series_curve import modal_system
 from calib.dynamics.setting import Setting
-from calib.dynamics.swept_response import level_over_frequency, swept_response
+from calib.dynamics.swept_response import level_over_frequency, swept_curves, swept_response
 from calib.dynamics.swept_series import SeriesSweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
@@ -62,6 +62,30 @@ def test_a_sweep_by_harmonic_balance_is_that_by_shooting(monkeypatch):
     for piece, shared in ((0.0, frequency[frequency < 3.75]), (1.0, frequency[frequency > 3.9])):
         expected = at(other, shared, piece)
         np.testing.assert_allclose(at(found, shared, piece), expected, atol=1e-4 * abs(expected).max())
+
+
+def test_a_sweep_beside_that_of_other_values_is_the_one_sought_without_it(monkeypatch):
+    measured = make_response(np.linspace(2.8, 3.6, 17), ["mass"], np.ones((1, 17)), 0.2, "N", 0, 1.0)
+    model, friction = Model(Oscillator(), [COULOMB_FRICTION]), {"friction": 2e-3, "friction_slip": 5e-3}
+    _, known = swept_curves(Model(Oscillator()), VALUES, FORCE, measured)
+    sought = swept_response(model, {**VALUES, **friction}, FORCE, measured)
+    monkeypatch.setattr(swept_response_module, "swept_path", None)  # nothing is sought without the known one
+    found, own = swept_curves(model, {**VALUES, **friction}, FORCE, measured, known)
+    frequency = np.linspace(2.8, 3.6, 50)
+    expected = at(sought, frequency, 0.0)
+    np.testing.assert_allclose(at(found, frequency, 0.0), expected, atol=1e-4 * abs(expected).max())
+    again, _ = swept_curves(model, {**VALUES, **friction}, FORCE, measured, own)
+    np.testing.assert_allclose(complex_amplitude(again), complex_amplitude(found), atol=1e-9 * abs(expected).max())
+
+
+def test_a_sweep_that_folds_is_sought_without_those_that_do_not_and_knows_none():
+    measured = make_response(np.linspace(3.0, 4.2, 25), ["mass"], np.ones((1, 25)), 0.6, "N", 0, 1.0)
+    model, values = Model(Oscillator(), [CUBIC_STIFFNESS]), {**VALUES, "k3": 4e5}
+    _, known = swept_curves(Model(Oscillator()), VALUES, FORCE, measured)
+    found, curves = swept_curves(model, values, FORCE, measured, known)
+    assert list(known) == [0.0]
+    assert not curves
+    assert found.attrs["jumps"] == swept_response(model, values, FORCE, measured).attrs["jumps"] != ""
 
 
 def test_harmonics_are_added_until_those_left_out_hardly_move_the_mass(monkeypatch):
