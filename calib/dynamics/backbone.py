@@ -286,6 +286,8 @@ class _Held:
         if body not in bodies:
             raise CalibError(f"no body {body!r}{nearest(body, bodies)}; there are {', '.join(bodies)}")
         self.balance = HarmonicBalance(modal_system(setting, window[0], levels[1]), harmonics)
+        if self.balance.system.distortion is not None:
+            raise CalibError("a backbone is of a drive without harmonics; leave out the effects on the excitation")
         self.body, self.bodies, self.window, self.levels = body, tuple(bodies), window, levels
         self.unit = setting.unit(AMPLITUDE)
         self.per_unit = self.balance.system.amplitude / levels[1]

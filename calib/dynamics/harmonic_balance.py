@@ -7,6 +7,7 @@ What a series of H harmonics misses is of the order of the first harmonic left o
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from calib.modelling.modal_system import Forces, InnerStates, ModalSystem
 SAMPLES_PER_HARMONIC = 16  # instants of a period over the highest harmonic: those of the forces do not fold onto it
 MIN_SMOOTH_SAMPLES, MIN_MARCHED_SAMPLES, MIN_KINKED_SAMPLES = 128, 512, 1024  # of a period: see `ModalSystem`
 FORGETTING_RATE = 5.0  # of a slider that does not slide, over the angular frequency  [1]
+DRIVE_DIFFERENCE = 1e-4  # of the amplitude of the drive, for the derivative of its distortion by it
 CLEARANCE_STEPS = 3  # of Newton's method to the instant of the least clearance
 
 
@@ -37,6 +39,7 @@ class HarmonicBalance:
     system : ModalSystem
     harmonics : H
     phase : (m,) instants of a period  [rad]
+    drive : of an amplitude -> coefficients (2 H + 1,) of the drive U, and their derivative by it
     """
 
     def __init__(self, system: ModalSystem, harmonics: int) -> None:
@@ -47,7 +50,6 @@ class HarmonicBalance:
         self.phase = 2.0 * np.pi * np.arange(samples) / samples
         orders = np.arange(1, harmonics + 1)
         angle = self.phase[:, None] * orders
-        self._cosine, self._sine = np.cos(self.phase), np.sin(self.phase)
         self._synthesis = np.ones((samples, 2 * harmonics + 1))  # coefficients -> samples
         self._synthesis[:, 1::2], self._synthesis[:, 2::2] = np.cos(angle), np.sin(angle)
         self._analysis = self._synthesis.T * (2.0 / samples)  # samples -> coefficients
@@ -57,6 +59,7 @@ class HarmonicBalance:
             self._turn[2 * k - 1, 2 * k], self._turn[2 * k, 2 * k - 1] = k, -k
         self._slope = self._synthesis @ self._turn
         self._identity, self._curvature = np.eye(self.size), self._turn @ self._turn
+        self.drive = lru_cache(maxsize=1)(self._drive_series)
         self._last: tuple[tuple[bytes, float, float], Forces] | None = None
 
     @property
@@ -79,8 +82,8 @@ class HarmonicBalance:
 
         y (..., n, 2 H + 1), omega and amplitude (...,)
         """
-        omega, amplitude = np.asarray(omega), np.asarray(amplitude)
-        linear, drive = self._linear(y, omega), self._drive(omega, amplitude)
+        omega = np.asarray(omega)
+        linear, drive = self._linear(y, omega), self._drive(omega, self._drives(amplitude))
         return np.asarray(linear - drive - self.system.gain @ (forces @ self._analysis.T))
 
     def derivatives(self, y: np.ndarray, omega: float, amplitude: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -100,11 +103,12 @@ class HarmonicBalance:
             + omega**2 * self._curvature
         )
         # with each coefficient of a place; with omega, by which rates rise and the period falls; with the drive
-        cosine, sine = (places.drive[:, None] * wave for wave in (self._cosine, self._sine))
-        position, rate = np.zeros((2, *cosine.shape, size + 2))
+        drive, by_its_amplitude = self.drive(amplitude)
+        position, rate = np.zeros((2, *forces.value.shape, size + 2))
         position[..., :size], rate[..., :size] = self._synthesis, omega * self._slope
-        rate[..., size] = places.shape @ (y @ self._slope.T) - amplitude * sine
-        position[..., -1], rate[..., -1] = cosine, -omega * sine
+        rate[..., size] = places.shape @ (y @ self._slope.T) + np.outer(places.drive, self._slope @ drive)
+        position[..., -1] = np.outer(places.drive, self._synthesis @ by_its_amplitude)
+        rate[..., -1] = omega * np.outer(places.drive, self._slope @ by_its_amplitude)
         stretch = np.zeros(size + 2)
         stretch[size] = -1.0 / omega
         varied = self._analysis @ forces.changed(position, rate, stretch)
@@ -112,8 +116,8 @@ class HarmonicBalance:
         of_omega, of_amplitude = system.gain @ varied[..., size], system.gain @ varied[..., -1]
         slope = self.slope(y)
         by_omega = 2.0 * omega * self.slope(slope) + 2.0 * system.rate[:, None] * slope - of_omega
-        by_omega -= self._loaded(amplitude * np.array([0.0, 1j, -2.0 * omega]))
-        by_amplitude = -of_amplitude - self._loaded(np.array([1.0, 1j * omega, -(omega**2)]))
+        by_omega -= self._loaded(drive, np.array([0.0, 1.0, 2.0 * omega]))
+        by_amplitude = -of_amplitude - self._loaded(by_its_amplitude, np.array([1.0, omega, omega**2]))
         return whole.reshape(n * size, n * size), by_omega, by_amplitude
 
     def forces(self, y: np.ndarray, omega: float, amplitude: float) -> Forces:
@@ -147,13 +151,12 @@ class HarmonicBalance:
     def motion(self, y: np.ndarray, omega: float | np.ndarray, amplitude: float | np.ndarray) -> Motion:
         """Motion of the modes and at the places, of coefficients (..., n, 2 H + 1); omega and amplitude (...,)."""
         places = self.system.places
-        omega, amplitude = (np.asarray(own)[..., None, None] for own in (omega, amplitude))
-        modal, rate = y @ self._synthesis.T, omega * (y @ self._slope.T)
-        drive = amplitude * places.drive[:, None]
+        omega, modal = np.asarray(omega)[..., None, None], y @ self._synthesis.T
+        drive = places.drive[:, None] * self._drives(amplitude)[..., None, :]  # coefficients at the places
         return Motion(
             modal,
-            places.shape @ modal + drive * self._cosine + places.mean[:, None],
-            places.shape @ rate - omega * drive * self._sine,
+            places.shape @ modal + drive @ self._synthesis.T + places.mean[:, None],
+            omega * (places.shape @ (y @ self._slope.T) + drive @ self._slope.T),
         )
 
     def linear_motion(self, omega: float, amplitude: float) -> np.ndarray:
@@ -161,7 +164,7 @@ class HarmonicBalance:
 
         A resonance without damping has the coefficients of one that is as broad as rounding.
         """
-        drive = self._drive(omega, amplitude)
+        drive = self._drive(omega, self.drive(amplitude)[0])
         y, system = np.zeros_like(drive), self.system
         load = drive[:, 1] - 1j * drive[:, 2] if self.harmonics else np.zeros(len(y))
         impedance = system.stiffness - omega**2 + 2j * system.rate * omega
@@ -224,7 +227,7 @@ class HarmonicBalance:
             return math.inf
         series = (stop.shape @ y)[0]
         series[0] += stop.mean[0]
-        series[1] += stop.drive[0] * amplitude
+        series += stop.drive[0] * self.drive(amplitude)[0]
         slope = self.slope(series)
         curvature = self.slope(slope)
         phase = self.phase[np.argmin(self.at(series, self.phase))]
@@ -242,13 +245,19 @@ class HarmonicBalance:
         seen in the velocity sooner than in the displacement, and forces may depend on either.
         """
         system = self.system
-        forces = self.forces(y, omega, amplitude).value
-        above = np.fft.rfft(forces, axis=-1)[:, self.harmonics + 1 :] * (2.0 / self.phase.size)
         order = omega * np.arange(self.harmonics + 1, self.phase.size // 2 + 1)
+        load = system.gain @ self._above(self.forces(y, omega, amplitude).value)
+        if system.distortion is not None:
+            drive = self._above(system.distortion(amplitude, self.phase))
+            load += system.load @ (np.stack([np.ones_like(order), 1j * order, -(order**2)]) * drive)
         impedance = system.stiffness[:, None] - order**2 + 2j * system.rate[:, None] * order
-        added = order * (system.bodies.shape @ (system.gain @ above / impedance))
+        added = order * (system.bodies.shape @ (load / impedance))
         size = float(np.linalg.norm(omega * self.slope(self.bodies(y, amplitude))))
         return float(np.linalg.norm(added)) / size if size > 0.0 else 0.0
+
+    def _above(self, samples: np.ndarray) -> np.ndarray:
+        """Complex amplitudes (..., k) of the harmonics above H of samples (..., m) over a period."""
+        return np.fft.rfft(samples, axis=-1)[..., self.harmonics + 1 :] * (2.0 / self.phase.size)
 
     def body_amplitudes(self, y: np.ndarray, amplitude: float, begin: float) -> np.ndarray:
         """Complex amplitudes (body, H + 1) of the displacement [m], as `calib.dynamics.response.ResponseBranch`.
@@ -262,15 +271,14 @@ class HarmonicBalance:
         """Coefficients (n, 2 H + 1) whose bodies have the complex `amplitudes`, the inverse of `body_amplitudes`."""
         own = self.series(amplitudes / self._turned(begin))
         own[:, 0] -= self.system.bodies.mean
-        own[:, 1] -= self.system.bodies.drive * amplitude
+        own -= np.outer(self.system.bodies.drive, self.drive(amplitude)[0])
         return np.linalg.lstsq(self.system.bodies.shape, own, rcond=None)[0]
 
     def bodies(self, y: np.ndarray, amplitude: float) -> np.ndarray:
         """Coefficients (body, 2 H + 1) of the displacement of every body  [m]."""
         bodies = self.system.bodies
-        coefficients = bodies.shape @ y
+        coefficients = bodies.shape @ y + np.outer(bodies.drive, self.drive(amplitude)[0])
         coefficients[:, 0] += bodies.mean
-        coefficients[:, 1] += bodies.drive * amplitude
         return coefficients
 
     def at(self, coefficients: np.ndarray, phase: np.ndarray) -> np.ndarray:
@@ -304,19 +312,35 @@ class HarmonicBalance:
         damping, stiffness = 2.0 * system.rate[:, None] * omega, system.stiffness[:, None]
         return omega**2 * (y @ self._curvature) + damping * self.slope(y) + stiffness * y
 
-    def _drive(self, omega: float | np.ndarray, amplitude: float | np.ndarray) -> np.ndarray:
-        """Modal load (..., n, 2 H + 1) of the drive and the constants."""
-        rate = 1j * np.asarray(omega)
-        load = self._loaded(np.stack([np.ones_like(rate), rate, rate**2], axis=-1) * np.asarray(amplitude)[..., None])
-        load[..., 0] = self.system.constant
+    def _drive(self, omega: float | np.ndarray, drive: np.ndarray) -> np.ndarray:
+        """Modal load (..., n, 2 H + 1) of drives (..., 2 H + 1) and the constants."""
+        omega = np.asarray(omega)
+        load = self._loaded(drive, np.stack([np.ones_like(omega), omega, omega**2], axis=-1))
+        load[..., 0] += self.system.constant
         return load
 
-    def _loaded(self, input: np.ndarray) -> np.ndarray:
-        """Modal load (..., n, 2 H + 1) of complex amplitudes (..., 3) of U, U' and U''."""
-        whole = input @ self.system.load.T
-        load = np.zeros((*whole.shape, self.size))
-        load[..., 1], load[..., 2] = whole.real, -whole.imag
-        return load
+    def _loaded(self, drive: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """Modal load (..., n, 2 H + 1) of coefficients (..., 2 H + 1) of U, factors (..., 3) on it and its slopes."""
+        slopes = np.stack([drive, self.slope(drive), self.slope(self.slope(drive))], axis=-2)
+        return np.asarray(self.system.load @ (factors[..., None] * slopes))
+
+    def _drives(self, amplitude: float | np.ndarray) -> np.ndarray:
+        """Coefficients (..., 2 H + 1) of drives of amplitudes (...,)."""
+        if np.ndim(amplitude) == 0:
+            return self.drive(float(amplitude))[0]
+        return np.array([self.drive(own)[0] for own in np.asarray(amplitude).tolist()])
+
+    def _drive_series(self, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients (2 H + 1,) of the drive U of an amplitude, and their derivative by it."""
+        drive, slope = np.zeros((2, self.size))
+        drive[1], slope[1] = amplitude, 1.0
+        added = self.system.distortion
+        if added is None:
+            return drive, slope
+        step = DRIVE_DIFFERENCE * (abs(amplitude) or 1.0)
+        ahead, behind = added(amplitude + step, self.phase), added(amplitude - step, self.phase)
+        drive += self._analysis @ added(amplitude, self.phase)
+        return drive, slope + self._analysis @ (ahead - behind) / (2.0 * step)
 
 
 def _exponential(matrices: np.ndarray) -> np.ndarray:

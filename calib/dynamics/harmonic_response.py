@@ -64,8 +64,7 @@ def balanced_response(
 
     Raises
     ------
-    CalibError : as there, or forces that harmonic balance does not serve: effects on the excitation, a loss by the
-        closing speed
+    CalibError : as there, or forces that harmonic balance does not serve: a loss by the closing speed
     """
     check_window(window, levels, harmonics, steps)
     unit_level = max(levels)

@@ -66,7 +66,7 @@ class Forces(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ModalSystem:
-    """y'' + 2 rate y' + stiffness y = load . (U, U', U'') + constant + gain f, with U = A cos(omega t + phase).
+    """y'' + 2 rate y' + stiffness y = load . (U, U', U'') + constant + gain f, with U = A cos tau + distortion.
 
     Attributes
     ----------
@@ -81,7 +81,8 @@ class ModalSystem:
     marched : whether forces have internal states, which are marched from instant to instant
     clearance : of a rigid stop, one position; None without one, or where the stop yields and is among the places
     amplitude : A at the amplitude of the excitation that the system was made with, in its unit
-    phase : of U at the section  [rad]
+    phase : tau at the section; tau = omega t + phase  [rad]
+    distortion : of A and phases tau (m,) [rad] -> what effects add to U (m,), in its unit; None without any
     """
 
     stiffness: np.ndarray
@@ -98,6 +99,7 @@ class ModalSystem:
     clearance: Linear | None
     amplitude: float
     phase: float
+    distortion: Callable[[float, np.ndarray], np.ndarray] | None = None
 
 
 @runtime_checkable
@@ -110,6 +112,6 @@ class ModalMap(PeriodMap, Protocol):
         Raises
         ------
         CalibError : forces that are no function of position, rate, internal states and time, with a loss by the
-            closing speed, or a drive that is no single harmonic
+            closing speed
         """
         ...

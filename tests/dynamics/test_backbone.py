@@ -7,6 +7,7 @@ from calib.dynamics.backbone import backbones, constant_responses
 from calib.dynamics.harmonic_response import balanced_response
 from calib.dynamics.setting import Setting
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
+from calib.effects.drive_harmonic_2 import EFFECT as DRIVE_HARMONIC_2
 from calib.errors import CalibError
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
@@ -80,6 +81,12 @@ def test_the_backbone_of_a_structure_ends_where_its_stop_is_touched():
 def test_a_backbone_that_makes_no_sense_is_refused(arguments, said):
     with pytest.raises(CalibError, match=said):
         backbones(DUFFING, *arguments)
+
+
+def test_a_backbone_of_a_distorted_drive_is_refused():
+    distorted = Setting(DUFFING.model.extended(DRIVE_HARMONIC_2), DUFFING.excitation, {**DUFFING.values, "h2_cos": 0.1})
+    with pytest.raises(CalibError, match="a backbone is of a drive without harmonics"):
+        backbones(distorted, "mass", (1e-2, 1.0), (2.5, 4.5))
 
 
 def test_an_amplitude_that_is_none_is_refused():

@@ -15,6 +15,7 @@ from calib.dynamics.setting import Setting
 from calib.dynamics.swept_response import swept_response
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
+from calib.effects.drive_harmonic_2 import EFFECT as DRIVE_HARMONIC_2
 from calib.errors import CalibError
 from calib.modelling.model import Model
 from calib.plugins import load
@@ -74,11 +75,22 @@ def systems():
             options={"stop": True, "contact": "hunt_crossley"}, gap=2e-3, hunt_crossley=0.6, contact_time=0.05
         ),
         "four_dof": four,
+        "distorted drive": setting(
+            DRIVE_HARMONIC_2,
+            COULOMB_FRICTION,
+            excitation=Excitation("base", "base motion", frequency=3.0, amplitude=2e-2),
+            friction=0.3,
+            friction_slip=0.05,
+            h2_cos=0.3,
+            h2_sin=-0.2,
+        ),
         **{name: with_states(name) for name in WITH_STATES},
     }
 
 
-@pytest.mark.parametrize("name", ["duffing", "friction", "moving base", "compliant stop", "four_dof", *WITH_STATES])
+@pytest.mark.parametrize(
+    "name", ["duffing", "friction", "moving base", "compliant stop", "four_dof", "distorted drive", *WITH_STATES]
+)
 def test_the_derivative_is_that_of_the_residual(name):
     held = systems()[name]
     system = held.map().modal_system()

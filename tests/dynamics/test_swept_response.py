@@ -13,6 +13,8 @@ from calib.dynamics.swept_response import level_over_frequency, swept_curves, sw
 from calib.dynamics.swept_series import SeriesSweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
+from calib.effects.drive_harmonic_2 import EFFECT as DRIVE_HARMONIC_2
+from calib.effects.quadratic_stiffness import EFFECT as QUADRATIC_STIFFNESS
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
 from calib.records.response import complex_amplitude, make_response
@@ -86,6 +88,20 @@ def test_a_sweep_that_folds_is_sought_without_those_that_do_not_and_knows_none()
     assert list(known) == [0.0]
     assert not curves
     assert found.attrs["jumps"] == swept_response(model, values, FORCE, measured).attrs["jumps"] != ""
+
+
+def test_a_drive_with_a_second_harmonic_is_balanced_as_by_shooting(monkeypatch):
+    frequency = np.linspace(3.0, 3.6, 13)
+    measured = make_response(frequency, ["mass"], np.ones((1, 13)), np.linspace(0.2, 0.3, 13), "N", 0, 1.0)
+    model = Model(Oscillator(), [QUADRATIC_STIFFNESS, DRIVE_HARMONIC_2])
+    values = {**VALUES, "k2": 4e3, "h2_cos": 0.4, "h2_sin": -0.3}
+    found, curves = swept_curves(model, values, FORCE, measured)
+    monkeypatch.setattr(swept_response_module, "series_sweep", lambda *_: None)
+    expected = at(swept_response(model, values, FORCE, measured), frequency, 0.0)
+    assert list(curves) == [0.0]
+    np.testing.assert_allclose(at(found, frequency, 0.0), expected, atol=1e-4 * abs(expected).max())
+    pure = at(swept_response(model, {**values, "h2_cos": 0.0, "h2_sin": 0.0}, FORCE, measured), frequency, 0.0)
+    assert abs(pure - expected).max() > 1e-3 * abs(expected).max()
 
 
 def test_harmonics_are_added_until_those_left_out_hardly_move_the_mass(monkeypatch):

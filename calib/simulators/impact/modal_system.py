@@ -4,7 +4,8 @@ The forces that harmonic balance transforms between time and frequency are evalu
 central differences of the laws themselves.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numba import njit
@@ -22,7 +23,7 @@ from calib.simulators.impact.problem import (
     Compliance,
     Problem,
 )
-from calib.simulators.slots import force
+from calib.simulators.slots import excitation, force
 
 LAW_DIFFERENCE = 1e-6  # of the largest position or rate at a place, for the derivatives of its laws
 
@@ -85,13 +86,12 @@ def modal_system(
         clearance=clearance if problem.stop and compliance is None else None,
         amplitude=problem.amplitude,
         phase=problem.phase,
+        distortion=_distortion(problem),
     )
 
 
 def _check(problem: Problem) -> None:
     advice = "; take shooting"
-    if problem.counts[EXCITATION_LAWS] > 0:
-        raise CalibError("harmonic balance does not serve effects on the excitation" + advice)
     if problem.compliance is not None and problem.compliance.by_speed:
         raise CalibError(
             "harmonic balance does not serve a contact whose loss depends on the speed at which it began" + advice
@@ -101,6 +101,32 @@ def _check(problem: Problem) -> None:
             "harmonic balance does not serve a contact whose force jumps where it begins, as that of kelvin_voigt does"
             + advice
         )
+
+
+def _distortion(problem: Problem) -> Callable[[float, np.ndarray], np.ndarray] | None:
+    """What the laws of the excitation add to it, by its amplitude and phases (m,) [rad]; None without laws."""
+    count = int(problem.counts[EXCITATION_LAWS])
+    if not count:
+        return None
+
+    def added(amplitude: float, phase: np.ndarray) -> np.ndarray:
+        out, times = np.zeros(phase.size), (phase - problem.phase) / problem.omega
+        _add_to_excitation(problem.excitation, problem.excitation_p, count, times, phase, amplitude, out)
+        return out
+
+    return added
+
+
+@njit(**COMPILED)
+def _add_to_excitation(
+    laws: np.ndarray, parameters: np.ndarray, count: int, times: np.ndarray, phase: np.ndarray, amplitude: float,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """Add the laws of the excitation at times [s] and phases (m,) [rad] to `out` (m,)."""
+    for j in range(phase.size):
+        undistorted = amplitude * math.cos(phase[j])
+        for i in range(count):
+            out[j] += excitation(laws[i], times[j], phase[j], amplitude, undistorted, parameters[i])
 
 
 def _rows(linear: Linear, rows: list[int]) -> Linear:
