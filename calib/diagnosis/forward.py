@@ -15,7 +15,15 @@ from calib.diagnosis.noise import MAX_ORDER
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
-from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_possible_causes
+from calib.diagnosis.search import (
+    Round,
+    chi2_of_a_rival,
+    compared_where_reliable,
+    rival_suspects,
+    search,
+    simplest,
+    with_possible_causes,
+)
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, leading_variants
 
@@ -113,7 +121,7 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Re
     for suspect, fit in zip(suspects, fits, strict=True):
         if fit.names:
             refitted.append(suspect.refitted(fit, base.chi2 - fit.chi2))
-    return refitted
+    return compared_where_reliable(fitter.evidence, base, refitted)[1]
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:

@@ -200,7 +200,7 @@ def _held_out_evidence(
     references = {name: bench.objective.references[name] for name in after}
     cycle = {name: cycle_of(reference) for name, reference in references.items()}
     clocks = clock_slopes(pool, bench, after, final.point.values, final.point.effects)
-    evidence = gathered(references, bench.rows, cycle, after, clocks=clocks).with_weights([before, after])
+    evidence = gathered(references, bench.rows, cycle, after, clocks=clocks).where_reliable([before, after])
     return evidence.with_remainder(Projection(evidence.tangents(after))(evidence.residual(after)))
 
 

@@ -53,7 +53,7 @@ class Selection:
     exchanges : of causes for others after the rounds, in order
     left_out : that explain part of the remainder of the causes, and too little to be causes
     elimination_margin : excess chi-square by which it is decided that the causes explain enough, and these do not
-    attained : least chi-square of a model that was considered
+    attained : model of the least chi-square that was considered
     cut_short : whether the budget was spent before all was tried that might change the result
     """
 
@@ -73,7 +73,7 @@ class Selection:
     exchanges: tuple[Exchange, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     elimination_margin: float = np.inf
-    attained: float = np.inf
+    attained: Fit | None = None
     cut_short: bool = False
 
     def without_causes(self) -> "Selection":

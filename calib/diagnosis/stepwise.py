@@ -29,7 +29,7 @@ class StepwiseState:
     causes : in the final model
     exchanges : of causes for others
     elimination : of these causes; None before it
-    attained : least chi-square of a model that went through elimination: what its causes explained remains without them
+    attained : model of the least chi-square that went through elimination: what its causes explained remains without
     """
 
     null: Fit
@@ -39,7 +39,7 @@ class StepwiseState:
     causes: tuple[Cause, ...] = ()
     exchanges: tuple[Exchange, ...] = ()
     elimination: Elimination | None = None
-    attained: float = np.inf
+    attained: Fit | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -63,6 +63,11 @@ class StepwiseState:
         return replace(self, causes=tuple(causes), final=final, exchanges=exchanges, elimination=None)
 
 
+def lesser(attained: Fit | None, fit: Fit) -> Fit:
+    """The model of the lesser chi-square, of one that was attained before and another."""
+    return fit if attained is None or fit.chi2 < attained.chi2 else attained
+
+
 def state_of(selection: Selection) -> StepwiseState:
     """Return the state in which a selection ended, before another elimination."""
     causes = tuple(zip(selection.causes, selection.alternatives, strict=True))
@@ -75,7 +80,7 @@ def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     """Eliminate causes that explain little beside the remainder; if all do, they stay as the closest ones."""
     if not state.causes or state.elimination is not None:
         return state
-    attained = min(state.attained, state.final.chi2)
+    attained = lesser(state.attained, state.final)
     left = eliminated(fitter, state.null, state.causes, state.final, state.rounds[0].threshold, attained)
     return replace(state, causes=left.causes, final=left.final, elimination=left, attained=attained)
 
@@ -83,7 +88,7 @@ def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
 def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
     """Compare the calibrated and the final model where the simulations of both are reliable."""
     null, final, causes, elimination = state.null, state.final, state.causes, state.elimination
-    common = fitter.evidence.with_weights([null.point.simulated, final.point.simulated])
+    common = fitter.evidence.where_reliable([null.point.simulated, final.point.simulated])
     excess, std = excess_over(common, null), chi2_std(common)
     named = {rival.name for _, rivals in causes for rival in rivals}
     return Selection(

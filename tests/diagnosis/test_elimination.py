@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from reliable import everywhere, model
 
 from calib.diagnosis import elimination
 from calib.diagnosis.constancy import Constancy
@@ -22,22 +23,12 @@ class Linear:
     def __init__(self, own, remaining, spent=False, unreliable=0.0):
         self.own, self.remaining, self.unreliable = own, remaining, unreliable
         self.effort = SimpleNamespace(spent=spent)
-        self.reliable = SimpleNamespace(counted=lambda: float(SAMPLES))
-        self.evidence = SimpleNamespace(with_weights=lambda simulated: self.reliable)
+        self.evidence = everywhere(SAMPLES)
 
     def fit(self, names):
         """Model with these causes, which leaves what the others explain."""
         left = self.remaining + sum(chi2 for name, chi2 in self.own.items() if name not in names)
-        nothing = np.zeros((0, 0))
-
-        def chi2_over(evidence):
-            assert evidence is self.reliable
-            return SAMPLES + left
-
-        return SimpleNamespace(
-            chi2=SAMPLES + left + self.unreliable, chi2_over=chi2_over, point=SimpleNamespace(simulated={}),
-            columns=nothing, nuisances=nothing, names=["stiffness", *names],
-        )  # fmt: skip
+        return model(SAMPLES + left + self.unreliable, SAMPLES + left, names=["stiffness", *names])
 
     def with_derivatives(self, fit):
         return fit
@@ -53,7 +44,7 @@ def left(own, remaining, monkeypatch, spent=False, sizes=lambda evidence, fit: (
     causes = tuple((SimpleNamespace(name=n, candidate=n, chi2_reduction=chi2), ()) for n, chi2 in own.items())
     monkeypatch.setattr(elimination, "constancies", sizes)
     begun = fitter.fit(list(own))
-    return eliminated(fitter, fitter.fit([]), causes, begun, 3.0, begun.chi2 - before)
+    return eliminated(fitter, fitter.fit([]), causes, begun, 3.0, model(np.nan, begun.chi2 - unreliable - before))
 
 
 def names(found):
