@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.diagnosis.constancy import constancies
 from calib.diagnosis.elimination import Elimination, eliminated
-from calib.diagnosis.excess import chi2_std, excess_over, significant
+from calib.diagnosis.excess import chi2_rise, chi2_std, excess_over, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.harmonic_excess import harmonic_excess
 from calib.diagnosis.refit import Fitter
@@ -107,5 +107,13 @@ def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
         left_out=tuple(one for one in elimination.left_out if one.effect not in named) if elimination else (),
         elimination_margin=elimination.margin if elimination else np.inf,
         attained=state.attained,
+        eliminated_chi2=_eliminated_chi2(fitter, state),
         cut_short=fitter.effort.spent,
     )
+
+
+def _eliminated_chi2(fitter: Fitter, state: StepwiseState) -> float:
+    """Chi-square that causes explained which were eliminated; 0 where none was."""
+    if state.elimination is None or not state.elimination.left_out:
+        return 0.0
+    return chi2_rise(fitter.evidence, lesser(state.attained, state.final), state.final)

@@ -9,6 +9,7 @@ from reliable import everywhere, model
 from calib.diagnosis import elimination
 from calib.diagnosis.constancy import Constancy
 from calib.diagnosis.elimination import eliminated
+from calib.diagnosis.stepwise import StepwiseState, _eliminated_chi2, through_elimination
 
 SAMPLES = 10_000
 STD = float(np.sqrt(2.0 * SAMPLES))
@@ -91,6 +92,18 @@ def test_what_a_model_leaves_where_simulations_are_not_reliable_is_no_remainder(
     """As beside the impacts, whose instants a model error shifts."""
     assert left({"drag": 9000.0}, 1000.0, monkeypatch, unreliable=50_000.0).is_explained
     assert not left({"drag": 1900.0}, 1000.0, monkeypatch, unreliable=-900.0).is_explained
+
+
+@pytest.mark.parametrize(("weak", "chi2"), [(140.0, 140.0), (143.0, 0.0)])
+def test_what_was_eliminated_is_a_model_error_though_the_sum_of_squares_hides_it(weak, chi2, monkeypatch):
+    fitter = Linear({"drag": 9000.0, "friction": weak}, 0.0)
+    monkeypatch.setattr(elimination, "without_cause", lambda fitter, null, final, cause, others: fitter.fit([*others]))
+    monkeypatch.setattr(elimination, "constancies", lambda evidence, fit: ())
+    causes = tuple((SimpleNamespace(name=name, candidate=name), ()) for name in fitter.own)
+    rounds = (SimpleNamespace(threshold=3.0),)
+    begun = StepwiseState(fitter.fit([]), fitter.fit([*fitter.own]), {}, rounds, causes)
+    assert _eliminated_chi2(fitter, begun) == 0.0
+    assert _eliminated_chi2(fitter, through_elimination(fitter, begun)) == pytest.approx(chi2)
 
 
 def test_what_was_left_out_before_remains(monkeypatch):
