@@ -1,12 +1,15 @@
 """Figures of a page with their captions; all are drawn at the end, in parallel processes."""
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
 
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from calib.execution.pool import InProcess, in_order
+from calib.execution.pool import InProcess, Pool
 from calib.execution.pools.local import LocalPool
 from calib.report.plots.style import svg
 
@@ -35,18 +38,43 @@ def pictured(figure: Figure | None, name: str, caption: str) -> Picture | None:
 def drawn(content: object, jobs: int) -> dict[str, Markup]:
     """Return the SVG elements, by name, of all pictures in the content of a page, drawn by `jobs` processes.
 
+    This process is one of them: the others have to start and import Matplotlib first.
+
     Raises
     ------
     RuntimeError : a figure cannot be drawn
     """
     pictures = list(_pictures(content))
-    processes = min(jobs, len(pictures))
-    with InProcess(_svg) if processes < 2 else LocalPool(_svg, processes) as pool:
-        elements = in_order(pool, pictures)
-    for picture, element in zip(pictures, elements, strict=True):
-        if not isinstance(element, str):
-            raise RuntimeError(f"the figure {picture.name!r} cannot be drawn: {element.reason}")
-    return {picture.name: Markup(element) for picture, element in zip(pictures, elements, strict=True)}
+    others, waiting, elements = min(jobs, len(pictures)) - 1, deque(pictures), dict[str, Any]()
+    with ThreadPoolExecutor(1) as thread:
+        here = thread.submit(_draw, InProcess(_svg), waiting, elements)
+        try:
+            if others > 0:
+                with LocalPool(_svg, others) as pool:
+                    _draw(pool, waiting, elements)
+            here.result()
+        finally:
+            waiting.clear()  # also where the user interrupts it
+    for picture in pictures:
+        if not isinstance(elements[picture.name], str):
+            raise RuntimeError(f"the figure {picture.name!r} cannot be drawn: {elements[picture.name].reason}")
+    return {picture.name: Markup(elements[picture.name]) for picture in pictures}
+
+
+def _draw(pool: Pool, waiting: deque[Picture], elements: dict[str, Any]) -> None:
+    """Take pictures as long as some are waiting, and add their SVG elements, or why there is none, by name."""
+    taken: list[Picture] = []
+
+    def next_ones() -> Iterator[Picture]:
+        while True:
+            try:
+                taken.append(waiting.popleft())
+            except IndexError:  # others have taken the rest
+                return
+            yield taken[-1]
+
+    for index, element in pool.map(next_ones()):
+        elements[taken[index].name] = element
 
 
 def _svg(picture: Picture) -> str:
