@@ -85,7 +85,7 @@ def eliminated(
         model = _without(fitter, null, now, cause)
         if not model.names:
             return by_size
-        share = _share(chi2_rise(fitter.evidence, now.final, model), _remaining(fitter, now, attained))
+        share = explained_part(chi2_rise(fitter.evidence, now.final, model), _remaining(fitter, now, attained))
         now = _outweighing(fitter, null, _less(fitter, now, cause, model, share, several_sizes(least)), attained)
     return now if now.is_explained else by_size
 
@@ -128,7 +128,7 @@ def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: Fit) -
             return now
         if spent or alone:
             break
-        share = _share(rises[weakest], remaining)
+        share = explained_part(rises[weakest], remaining)
         now = _less(fitter, now, now.causes[weakest], reduced[weakest], share)
     return replace(begun, is_explained=False, margin=now.margin)
 
@@ -145,9 +145,9 @@ def _remaining(fitter: Fitter, now: Elimination, attained: Fit) -> float:
     return max(eliminated_before, excess if significant(excess, std) else insignificant)
 
 
-def _share(rise: float, remaining: float) -> float:
-    """Share that a cause explains of what the others leave  [1]."""
-    return rise / (rise + remaining)
+def explained_part(rise: float, remaining: float) -> float:
+    """Share that a cause explains of what the others leave  [1]; 0 where reliable simulations show nothing of it."""
+    return rise / (rise + max(0.0, remaining)) if rise > 0.0 else 0.0
 
 
 def _less(fitter: Fitter, now: Elimination, cause: Cause, model: Fit, share: float, reason: str = "") -> Elimination:

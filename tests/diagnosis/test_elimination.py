@@ -155,3 +155,10 @@ def test_without_a_budget_causes_are_judged_by_what_they_explained_when_they_wer
     assert left({"drag": 90_000.0, "friction": 40_000.0}, 1000.0, monkeypatch, spent=True).is_explained
     assert not left({"drag": 90_000.0, "friction": 1900.0}, 1000.0, monkeypatch, spent=True).is_explained
     assert left({"drag": 9.0, "friction": 4.0}, 0.0, monkeypatch, spent=True).is_explained
+
+
+def test_a_cause_that_reliable_simulations_show_nothing_of_explains_nothing(monkeypatch):
+    """Its fit follows the samples beside the impacts, and has more misfit elsewhere."""
+    found = left({"drag": 9000.0, "friction": -500.0}, 1000.0, monkeypatch)
+    assert names(found) == ("drag",)
+    assert [(one.effect, one.share) for one in found.left_out] == [("friction", 0.0)]
