@@ -137,9 +137,10 @@ def gained(fitter: Fitter, bench: Bench, selection: Selection, seed: int) -> Gai
     """
     null, final, threshold = selection.null, selection.final, selection.rounds[0].threshold
     shifts = _shifts(fitter, selection)
-    fitted = derivatives_by_record(fitter, fitter.evidence, final, final.columns)
+    own = fitter.evidence.where_reliable([final.point.simulated])
+    fitted = derivatives_by_record(fitter, own, final, final.columns)
     significant_remainder = selection.remainder_is_significant
-    transfers = refitted_to_each_record(fitter.evidence, final, fitted, significant_remainder, held=False)
+    transfers = refitted_to_each_record(own, final, fitted, significant_remainder, held=False)
     held = [name for name, reference in bench.objective.references.items() if reference.use == "holdout"]
     if not held:
         return _of_blocks(fitter, null, final, selection.causes, seed, shifts=shifts, **_sizes(transfers, threshold))
@@ -153,7 +154,7 @@ def gained(fitter: Fitter, bench: Bench, selection: Selection, seed: int) -> Gai
     columns = derivatives_by_record(fitter, evidence, there)
     transfers += refitted_to_each_record(evidence, there, columns, significant_remainder, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
-    everything = [(fitter.evidence, final.point.simulated, fitted), (evidence, after, columns)]
+    everything = [(own, final.point.simulated, fitted), (evidence, after, columns)]
     one = len(fitter.evidence.parts) == 1
     rest = {
         "shifts": shifts,
