@@ -147,6 +147,11 @@ class Evidence:
             parts.append(replace(part, noise=tuple(noises)))
         return Evidence(tuple(parts))
 
+    def with_noise_of(self, other: "Evidence") -> "Evidence":
+        """Return the evidence with the noise of other evidence of the same samples."""
+        pairs = zip(self.parts, other.parts, strict=True)
+        return Evidence(tuple(replace(part, noise=known.noise) for part, known in pairs))
+
 
 def clocks_differ(one: Evidence, other: Evidence) -> bool:
     """Whether the uncertainty of a clock counts in one of two sets of the same records and not in the other."""

@@ -73,8 +73,9 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     old, residual = fitter.evidence, state.final.residual
     evidence = old
     if not dominant(excess_chi2(old, state.final), chi2_std(old)):
-        left = remainder(old, state.final, [derivatives.columns for derivatives in state.known.values()])
-        evidence = old.with_reestimated_noise(left)
+        reliable = old.where_reliable([state.final.point.simulated])
+        left = remainder(reliable, state.final, [derivatives.columns for derivatives in state.known.values()])
+        evidence = old.with_noise_of(reliable.with_reestimated_noise(left))
         residual = evidence.carried(residual[:, None], old)[:, 0]
     evidence = evidence.with_remainder(residual)
     if not _differs(evidence, old):
