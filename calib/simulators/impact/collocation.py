@@ -33,7 +33,7 @@ from calib.simulators.impact.problem import (
     Regimes,
 )
 from calib.simulators.impact.scratch import Scratch
-from calib.simulators.impact.series import expand, motion_within
+from calib.simulators.impact.series import expand_contact, motion_within
 from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.slots import excitation, force
 
@@ -158,7 +158,7 @@ def _set_motion_in_contact(
     """Write, at some of the points, the motion in a compliant contact from its series."""
     for j in range(first, end):
         x = POINTS[j]
-        motion_within(problem.compliance, state, w.contact, step, x * step, w.y, w.v)
+        motion_within(problem.compliance, state, w, step, x * step, w.y, w.v)
         u, du = polynomial(w.input, x), slope(w.input, x) / step
         to_coordinates(problem.regimes, FREE, w.y, w.v, problem.omega, time + x * step, u, du, w.q, w.dq)
         for b in range(w.q.size):
@@ -187,7 +187,7 @@ def _need_not_follow(problem: Problem, state: ImpactState, time: float, step: fl
 
 def _follow_in_compliance(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> None:
     if state.counters[REGIME] >= COMPRESSION:
-        expand(problem.regimes, problem.compliance, problem.omega, True, w.load, w.added, state, time, step, w.contact)
+        expand_contact(problem, state, time, step, w)
         _set_motion_in_contact(problem, state, time, step, 0, PROBE_INDEX, w)
 
 

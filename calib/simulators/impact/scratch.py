@@ -7,6 +7,7 @@ import numpy as np
 from calib.modelling.laws import SLOTS, STATES
 
 ORDER = 40  # highest, of the Taylor series of the motion in a compliant contact
+BRANCHES, TERMS = 12, 16  # at most, of its double series from the crossing on
 
 
 class Scratch(NamedTuple):
@@ -31,6 +32,8 @@ class Scratch(NamedTuple):
     q: np.ndarray  # (n,) coordinates
     dq: np.ndarray
     contact: np.ndarray  # (9 + n, ORDER + 1) of a compliant contact, see `series`; None where the stop is rigid
+    lattice: np.ndarray  # (8 + n, BRANCHES, TERMS) of the same, see `crossing`; None as `contact`
+    last: np.ndarray  # (BRANCHES + 1,) last terms of its branches, and their number
 
 
 def scratch(n: int, compliant: bool = False) -> Scratch:
@@ -41,4 +44,6 @@ def scratch(n: int, compliant: bool = False) -> Scratch:
         np.zeros((SLOTS, n + 1, STATES, 6)), np.zeros((SLOTS, n + 1, STATES, 6)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
         np.zeros((9 + n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
+        np.zeros((8 + n, BRANCHES, TERMS)) if compliant else None,  # type: ignore[arg-type]
+        np.zeros(BRANCHES + 1, dtype=np.int64),
     )  # fmt: skip

@@ -3,8 +3,8 @@
 The modes out of contact go on under the contact force, which depends on them through the penetration alone: so each
 order costs one number of the force and one of each mode. Coefficients are those of (tau / step)^k. A linear law's
 series reaches rounding in steps of 3 over its angular frequency; another law's step is what the series allow. A power
-d^n with n > 1 has no series about d = 0: next to there its force is so small that its impulse along a path of constant
-velocity serves, and steps grow and shrink with the distance from there.
+d^n with n > 1 has no series about d = 0: a contact begins with those of `crossing`, and where it ends the force is so
+small that its impulse along a path of constant velocity serves; in between, steps grow and shrink with the distance.
 """
 
 import math
@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.impact.crossing import carry_about_crossing, expand_about_crossing, motion_about_crossing
 from calib.simulators.impact.problem import (
     CLOSING,
     COMPRESSION,
@@ -30,7 +31,7 @@ from calib.simulators.impact.scratch import ORDER, Scratch
 TRUNCATION = 1e-13  # terms of the series below that share of the largest are left out
 MAX_SERIES_JUMPS = 10_000  # over a step before its zero is given up
 MIN_ORDER = 6  # so that the polynomials of the loads have entered
-SMALL_CHANGE = 1e-11  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
+SMALL_CHANGE = 1e-8  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
 _INVERSE = np.array([1.0 / ((k + 1) * (k + 2)) for k in range(ORDER)])
 _RECIPROCAL = np.array([1.0 / max(1, k) for k in range(ORDER)])
 # rows of `Scratch.contact`: series of the penetration, its rate, the force and what these are made of; what is known of
@@ -39,7 +40,8 @@ DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS, KNOWN, MODES = r
 # entries of the row `KNOWN`: order of the series; whether the force has its part of d^n; what ends the step; length of
 # step over which the series under the force held last [s]; time next to d = 0 over which d^n makes next to nothing of
 # the velocity [s], both 0 before the first
-LAST, STIFF, END, HELD, SMALL = range(5)
+# and whether the motion is that of `crossing`
+LAST, STIFF, END, HELD, SMALL, CROSSING = range(6)
 
 
 @njit(**INLINED)
@@ -191,6 +193,26 @@ def expand(
 
 
 @njit(**WITHIN)
+def expand_contact(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> tuple[float, float]:
+    """Write the series over a step in contact, of `crossing` or of `expand`.
+
+    Returns
+    -------
+    tail : of `expand`; that of `crossing` is 0, NaN where it is not finite
+    ratio : of the length over which the series hold to the step
+    """
+    regimes, law, omega, loaded = problem.regimes, problem.compliance, problem.omega, problem.collocated
+    if w.contact[KNOWN, CROSSING] != 0:
+        loss = loss_at(law, state.clock[CLOSING])
+        ratio = expand_about_crossing(
+            regimes, law, loss, omega, loaded, w.load, w.added, state, time, step, w.lattice, w.last
+        )
+        return (0.0 if math.isfinite(ratio) else math.nan), ratio
+    tail = expand(regimes, law, omega, loaded, w.load, w.added, state, time, step, w.contact)
+    return tail, 0.9 * (TRUNCATION / tail) ** (1.0 / (w.contact[KNOWN, LAST] - 1.0)) if tail > 0.0 else 1.0
+
+
+@njit(**WITHIN)
 def rescale(contact: np.ndarray, ratio: float) -> None:
     """Let the series hold for a step that is `ratio` times as long."""
     factor = 1.0
@@ -218,13 +240,17 @@ def _small_force(
 def motion_within(
     law: Compliance,
     state: ImpactState,
-    contact: np.ndarray,
+    w: Scratch,
     step: float,
     tau: float,
     y: np.ndarray,
     v: np.ndarray,
 ) -> None:
     """Write the modal motion at `tau` into the step."""
+    contact = w.contact
+    if contact[KNOWN, CROSSING] != 0:
+        motion_about_crossing(law, w.lattice, w.last, step, tau, y, v)
+        return
     x, order = tau / step, int(contact[KNOWN, LAST])
     for i in range(y.size):
         value, slope = contact[MODES + i, order], 0.0
@@ -370,12 +396,21 @@ def carry_differences(
     """
     regimes, law, n = problem.regimes, problem.compliance, dy.shape[0]
     loss, at = loss_at(law, state.clock[CLOSING]), 0.0
+    if w.contact[KNOWN, CROSSING] != 0:
+        carry_about_crossing(problem, state, loss, loss_slope, step, tau, w.lattice, w.last, dy, dv, dspeed)
+        return
     simple = loss == 0.0 and law.exponent == 1.0
-    small_force = 0.0
+    by_start, by_speed, by_factor = 0.0, 0.0, 0.0  # impulse of the small force, per unit of what it depends on
     if w.contact[KNOWN, STIFF] == 0:
         for k in range(int(w.contact[KNOWN, LAST]), -1, -1):
             at = at * tau / step + w.contact[DEPTH, k]
-        small_force = law.exponent * _small_force(law, state, tau, at, law.exponent, w.contact)
+        begin, rate = max(0.0, w.contact[DEPTH, 0]), w.contact[RATE, 0]
+        impulse = _small_force(law, state, tau, at, law.exponent + 1.0, w.contact)
+        per_depth = _small_force(law, state, tau, at, law.exponent, w.contact)
+        by_start, by_factor = law.exponent * per_depth, impulse * rate / (1.0 + loss * rate)
+        if impulse != 0.0:  # the path went evenly from the beginning to its end
+            by_speed = law.exponent * tau / (max(0.0, at) - begin) * (impulse - begin * per_depth)
+            by_speed += loss * impulse / (1.0 + loss * rate)
     _expand_slopes(problem, loss, w)
     by_depth, by_rate, by_loss, depth = w.contact[BY_DEPTH], w.contact[BY_RATE], w.contact[BY_LOSS], w.contact[WITNESS]
     a, x, square = w.contact[MODES:], tau / step, step * step
@@ -400,4 +435,5 @@ def carry_differences(
             for k in range(ORDER - 1, -1, -1):
                 slope = slope * x + value
                 value = value * x + a[i, k]
-            dy[i, column], dv[i, column] = value, slope / step + law.load[i] * small_force * depth[0]
+            more = by_start * depth[0] + by_speed * depth[1] / step + by_factor * loss_slope * dspeed[column]
+            dy[i, column], dv[i, column] = value, slope / step + law.load[i] * more

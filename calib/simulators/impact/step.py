@@ -137,7 +137,7 @@ def _flow_with_compliance(
     problem: Problem, state: ImpactState, step: float, tau: float, w: Scratch, y_end: np.ndarray, v_end: np.ndarray
 ) -> None:
     if state.counters[REGIME] >= COMPRESSION:
-        motion_within(problem.compliance, state, w.contact, step, tau, y_end, v_end)
+        motion_within(problem.compliance, state, w, step, tau, y_end, v_end)
     else:
         flow(problem.regimes, FREE, state.y, state.v, problem.collocated, w.load, step, tau, y_end, v_end)
 

@@ -14,6 +14,7 @@ from numba import njit
 from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.collocation import collocate, set_given_loads
 from calib.simulators.impact.coordinates import to_coordinates
+from calib.simulators.impact.crossing import rescale_about_crossing, time_about_crossing
 from calib.simulators.impact.events import note_impact
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import (
@@ -33,6 +34,7 @@ from calib.simulators.impact.problem import (
 )
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import (
+    CROSSING,
     DEPTH,
     END,
     FORCE,
@@ -42,10 +44,9 @@ from calib.simulators.impact.series import (
     RATE,
     SMALL,
     STIFF,
-    TRUNCATION,
     WITNESS,
     end_of_parting,
-    expand,
+    expand_contact,
     first_root,
     loss_at,
     rescale,
@@ -55,7 +56,7 @@ from calib.simulators.impact.witness import EVENT, FAILED, NO_EVENT, witness
 
 SEPARATION, NO_FORCE, FORCE_AGAIN = 1, 2, 3  # what ends a step in contact
 MAX_SHORTENINGS = 60  # of a step whose series or loads do not hold
-MAX_SHARE_OF_DISTANCE = 0.8  # of the time to d = 0, ahead or behind, that a step takes where n > 1
+MAX_SHARE_OF_DISTANCE = 0.75  # of the time to d = 0, ahead or behind, that a step takes where n > 1
 MAX_TAIL = 1e-6  # of a series that is cut to a shorter step as it is; with a longer one it is made anew
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-15, 1e-12  # of events, as a share of the step: less does not show in it
 MAX_CONTACT_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
@@ -91,15 +92,21 @@ def _step_within_power(problem: Problem, state: ImpactState, time: float, reach:
     if problem.collocated:
         set_given_loads(problem, state, time, step, w)
     depth, rate = _penetration(problem, state, time, step, w)
-    small = w.contact[KNOWN, SMALL]
-    if state.counters[TOUCH] == HIT or small == 0.0:
+    small, hit = w.contact[KNOWN, SMALL], state.counters[TOUCH] == HIT
+    if hit or small == 0.0:
         _, _, second, _ = witness(
             problem.regimes, FREE, state.y, state.v, problem.omega, time, problem.collocated, w.load, w.added, step,
             0.0, 0.0,
         )  # fmt: skip
         small = time_of_small_force(problem.compliance, abs(rate), abs(second) if rate >= 0.0 else 0.0)
         w.contact[KNOWN, SMALL] = small
-    if state.counters[TOUCH] == HIT:
+        if hit:
+            loss = loss_at(problem.compliance, state.clock[CLOSING])
+            about = time_about_crossing(problem.compliance, loss, rate, second)
+            if about > small:
+                w.contact[KNOWN, CROSSING] = 1.0
+                return min(reach, min(problem.compliance.step, about))
+    if hit:
         depth = 0.0
     distance = depth / abs(rate) if rate != 0.0 else (math.inf if depth > 0.0 else 0.0)
     w.contact[KNOWN, STIFF] = distance >= small
@@ -152,7 +159,7 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     """
     law, time = problem.compliance, state.clock[0]
     pressed = state.counters[REGIME] == COMPRESSION
-    w.contact[KNOWN, STIFF] = pressed or law.exponent == 1.0
+    w.contact[KNOWN, STIFF], w.contact[KNOWN, CROSSING] = pressed or law.exponent == 1.0, 0.0
     step = min(reach, law.step if pressed else law.free_step)
     if pressed and law.exponent != 1.0:
         step = _step_within_power(problem, state, time, reach, w)
@@ -162,20 +169,25 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     while shortenings <= MAX_SHORTENINGS:
         state.counters[STEPS] += 1
         holds = collocate(problem, state.counters[REGIME], state, time, step, w) if problem.collocated else True
-        tail = expand(
-            problem.regimes, law, problem.omega, problem.collocated, w.load, w.added, state, time, step, w.contact
-        )
+        tail, ratio = expand_contact(problem, state, time, step, w)
         if not math.isfinite(tail):  # over so long a step the series grow beyond bounds, or the loads made of them
             shortenings += 1
             step *= 0.5
             continue
-        if tail > 0.0 or not holds:
+        about = w.contact[KNOWN, CROSSING] != 0
+        if ratio < 1.0 or not holds:
             shortenings += 1
-            ratio = 0.9 * (TRUNCATION / tail) ** (1.0 / (int(w.contact[KNOWN, LAST]) - 1)) if tail > 0.0 else 0.5
+            ratio = ratio if ratio < 1.0 else 0.5
             step *= ratio
-            if problem.collocated or tail > MAX_TAIL:
+            if problem.collocated or tail > MAX_TAIL or (about and ratio < 0.5):
                 continue
-            rescale(w.contact, ratio)
+            if about:
+                rescale_about_crossing(law, w.lattice, w.last, ratio)
+            else:
+                rescale(w.contact, ratio)
+        if about:  # the penetration grows all along
+            w.contact[KNOWN, HELD] = step
+            return NO_EVENT, step, step
         at = _first_event(law, state, step, problem.resolution, problem.lift, w.contact)
         if math.isnan(at):
             return FAILED, 0.0, step
