@@ -419,8 +419,7 @@ class _ForceSearch:
         if self.fitter.effort.spent:
             return found
         trials = history_trials(self.fitter, self.null, chosen, self.effects, self.references, self.seed, on_stage)
-        formula = None if found.formula_trial is None else found.formula_trial.left_out
-        better = [trial for trial in trials if trial.surpasses(chosen, formula)]
+        better = [trial for trial in trials if trial.surpasses(chosen, found.formula_trial)]
         if not better:
             return replace(found, histories=trials)
         return replace(found, verdict=OF_HISTORY, summary=summary_of_history(chosen, better), histories=trials)

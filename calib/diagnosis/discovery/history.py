@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import VELOCITY
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
 from calib.diagnosis.discovery.trial import ForceTrial
@@ -63,14 +64,18 @@ class HistoryTrial:
         """Standard error of each parameter that is fitted, by name."""
         return dict(zip(self.fitted, map(float, self.fit.error(self.fitted)), strict=True))
 
-    def surpasses(self, trial: ForceTrial, other: LeftOutMisfit | None) -> bool:
-        """Whether it predicts left-out records better than a free force and another model, and fits all as well.
+    def surpasses(self, trial: ForceTrial, formula: FormulaTrial | None) -> bool:
+        """Whether it predicts left-out records better than a free force and fits all as well, and so with its formula.
 
-        As well by quasi-AIC with effective parameters: a few numbers predict with less uncertainty than a function.
+        As well by quasi-AIC with effective parameters: a few numbers predict with less uncertainty than a function. Of a
+        law and a formula that predict as well as each other, the one with fewer numbers is taken.
         """
         if self.left_out is None or trial.left_out is None:
             return False
-        better = all(self.left_out.is_better(own) for own in (trial.left_out, other) if own is not None)
+        better = self.left_out.is_better(trial.left_out)
+        if formula is not None and formula.left_out is not None and not self.left_out.is_better(formula.left_out):
+            tied = not formula.left_out.is_better(self.left_out)
+            better = better and tied and len(self.fitted) < formula.formula.length
         dispersion = trial.fitted.dispersion
         own = self.fit.chi2 / dispersion + 2.0 * len(self.fitted)
         return better and own <= trial.chi2 / dispersion + 2.0 * trial.fitted.effective_parameters + CRITERIA.aic_tie

@@ -27,6 +27,10 @@ def free_force(deviance=1100.0, chi2=1000.0, effective_parameters=12.0):
     return SimpleNamespace(chi2=chi2, fitted=fitted, left_out=left_out(deviance))
 
 
+def formula(deviance, numbers):
+    return SimpleNamespace(left_out=left_out(deviance), formula=SimpleNamespace(length=numbers))
+
+
 def test_of_laws_that_tie_the_one_with_the_fewest_numbers_is_first():
     laws = [
         law("bouc_wen", 1010.0, numbers=4),
@@ -43,7 +47,9 @@ def test_of_laws_that_tie_the_one_with_the_fewest_numbers_is_first():
     [
         (law("presliding", 1010.0), None, True),
         (law("presliding", 1097.0), None, False),  # a tie
-        (law("presliding", 1010.0), left_out(1008.0), False),  # a formula predicts as well
+        (law("presliding", 1010.0), formula(1008.0, 2), False),  # a formula of as many numbers predicts as well
+        (law("presliding", 1010.0), formula(1008.0, 6), True),  # one of more numbers
+        (law("presliding", 1010.0), formula(990.0, 6), False),  # one that predicts better
         (law("presliding", 1010.0, chi2=1050.0), None, False),  # it fits all records worse
         (law("presliding", None), None, False),
     ],
