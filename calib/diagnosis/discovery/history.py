@@ -67,8 +67,8 @@ class HistoryTrial:
     def surpasses(self, trial: ForceTrial, formula: FormulaTrial | None) -> bool:
         """Whether it predicts left-out records better than a free force and fits all as well, and so with its formula.
 
-        As well by quasi-AIC with effective parameters: a few numbers predict with less uncertainty than a function. Of a
-        law and a formula that predict as well as each other, the one with fewer numbers is taken.
+        As well by quasi-AIC with effective parameters: a few numbers predict with less uncertainty than a function. Of
+        a law and a formula that predict as well as each other, the one with fewer numbers is taken.
         """
         if self.left_out is None or trial.left_out is None:
             return False
