@@ -14,7 +14,7 @@ VALUES = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0}
 
 
 def test_states_that_were_not_measured_are_those_of_the_simulation(tmp_path):
-    whole = record(6.0, 0, {}, ())
+    whole = record(6.0, 0, {})
     for name in ("soft", "hard"):
         write(whole.drop_vars(["velocity", "velocity_sigma"]), tmp_path / f"{name}.nc")
     (tmp_path / "study.toml").write_text(STUDY)

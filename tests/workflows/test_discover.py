@@ -64,7 +64,7 @@ def bent(t, x, v, p, z, dz):
 BENT = Effect("bent", "force", bent, (Parameter("bend", "1/(m s^2)", 0.0, "of the spring", null=0.0),), "stiffer")
 
 
-def record(amplitude, seed, acting, effects):
+def record(amplitude, seed, acting, effects=()):
     """A swept force on the spring, with noise of 1 %."""
     rng = np.random.default_rng(seed)
     value = amplitude * np.sin(2.0 * np.pi * (6.0 * TIMES + 10.0 * TIMES**2))
@@ -218,8 +218,8 @@ def test_python_and_json_say_what_the_command_says(found):
 
 
 def test_a_study_that_was_not_calibrated_is_refused(tmp_path):
-    write(record(6.0, 0, 0.0), tmp_path / "soft.nc")
-    write(record(9.0, 1, 0.0), tmp_path / "hard.nc")
+    write(record(6.0, 0, {}), tmp_path / "soft.nc")
+    write(record(9.0, 1, {}), tmp_path / "hard.nc")
     (tmp_path / "study.toml").write_text(STUDY)
     answer = CliRunner().invoke(main, ["discover", str(tmp_path)])
     assert answer.exit_code != 0

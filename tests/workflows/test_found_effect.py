@@ -69,7 +69,7 @@ NUMBER = itertools.count()  # of studies: modules of one name cannot be imported
 
 def written(place):
     for name, amplitude, seed in (("soft", 6.0, 0), ("hard", 9.0, 1)):
-        write(record(amplitude, seed, 0.0), place / f"{name}.nc")
+        write(record(amplitude, seed, {}), place / f"{name}.nc")
     (place / "study.toml").write_text(STUDY.replace("bent spring", f"spring {next(NUMBER)}"))
     return load(place)
 
