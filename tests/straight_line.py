@@ -31,9 +31,6 @@ class Evidence:
     def difference(self, one, other):
         return other["record"].rows[0] - one["record"].rows[0]
 
-    def where_reliable(self, simulations):
-        return self
-
     def tangents(self, seen):
         return np.zeros((self.measured.size, 0))
 

@@ -9,11 +9,11 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.elimination import eliminated
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_rise, chi2_std, dominant, excess_chi2, significant
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, is_negligible, rejection
-from calib.diagnosis.replacement import best_pair, fall_in_aic, is_pair_significant, replaced, without_cause
+from calib.diagnosis.replacement import aic, best_pair, is_pair_significant, replaced, without_cause
 from calib.diagnosis.screening import screened
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Cause, Refitted
@@ -58,7 +58,7 @@ def with_best_pair(fitter: Fitter, state: StepwiseState, candidates: Sequence[Ca
     if not _explains_more(fitter.evidence, null, state.causes, state.final, (causes, final)):
         return state
     if was_explained:
-        left = eliminated(fitter, null, causes, final, threshold, final)
+        left = eliminated(fitter, null, causes, final, threshold, final.chi2)
         if left.left_out or not left.is_explained:
             return state
     rejected = any_rejected(fitter, null, [cause for cause, _ in causes], final, threshold)
@@ -97,7 +97,7 @@ def any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: F
         if not base.names:  # it cannot be simulated without it
             return False
         base = own.with_derivatives(base)
-        again = cause.refitted(final, chi2_rise(own.evidence, final, base))
+        again = cause.refitted(final, base.chi2 - final.chi2)
         made = extension(own.evidence, base, final, again, threshold)
         return bool(rejection(own.evidence, null, made, further=bool(others)))
 
@@ -113,8 +113,8 @@ def _explains_more(
     Of the remainder of those they have to explain several times what they leave themselves, unless that is noise, as an
     added cause has to.
     """
-    reduction, remaining = chi2_rise(evidence, other[1], final), excess_chi2(evidence, other[1])
-    lower = fall_in_aic(evidence, (causes, final), other) > CRITERIA.aic_tie
+    reduction, remaining = final.chi2 - other[1].chi2, excess_chi2(evidence, other[1])
+    lower = aic(*other) < aic(causes, final) - CRITERIA.aic_tie
     leaves_noise = not significant(remaining, chi2_std(evidence))
     outweighs = leaves_noise or reduction > CRITERIA.min_over_remainder * remaining
     relevant = len(other[0]) <= len(causes) or not is_negligible(evidence, null, final, reduction)

@@ -4,8 +4,9 @@ A model error is correlated a little with any effect, and with some of many by c
 the other causes leave, W + R, makes an angle with it whose cosine is sqrt(W / (W + R)), and a remainder R may bias its
 fitted size by the share sqrt(R / W) at most (the inequality of Cauchy and Schwarz). An effect that is distinguishable
 from the remainder therefore explains much more than that. The excess chi-square estimates the remainder, to its
-standard error; what was eliminated is part of it in any case. Source of the procedure: Miller, Subset Selection in
-Regression, 2002, chapter 3.
+standard error; what was eliminated is part of it in any case. Two models are compared where the simulations of both
+are reliable: beside an impact that one of them has at another instant, the misfit says nothing of either. Source of the
+procedure: Miller, Subset Selection in Regression, 2002, chapter 3.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ import numpy as np
 
 from calib.diagnosis.constancy import Constancy, constancies, differing
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.excess import chi2_rise, chi2_std, excess_chi2, significant
+from calib.diagnosis.excess import chi2_std, excess_over, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import without_cause
@@ -61,7 +62,7 @@ class Elimination:
 
 
 def eliminated(
-    fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit, threshold: float, attained: Fit
+    fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit, threshold: float, attained: float
 ) -> Elimination:
     """Eliminate the weakest cause in turn, until each explains several times the possible remainder.
 
@@ -73,11 +74,11 @@ def eliminated(
     ----------
     null, final : the calibrated model, and the one with the causes
     threshold : of the normal deviate, from which sizes differ
-    attained : the model with these causes, and others that were eliminated before
+    attained : chi-square with these causes, and others that were eliminated before
     """
     whole = Elimination(tuple(causes), final, True)
     by_size = now = _outweighing(fitter, null, whole, attained)
-    while now.is_explained and (heterogeneous := _of_several_sizes(fitter, now, threshold)):
+    while now.is_explained and (heterogeneous := _of_several_sizes(fitter, null, now, threshold)):
         if len(now.causes) == 1 or fitter.effort.spent:
             return by_size
         least = min(heterogeneous, key=lambda c: c.chi2)
@@ -85,7 +86,7 @@ def eliminated(
         model = _without(fitter, null, now, cause)
         if not model.names:
             return by_size
-        share = explained_part(chi2_rise(fitter.evidence, now.final, model), _remaining(fitter, now, attained))
+        share = _share(_rise(fitter, now.final, model), _remaining(fitter, null, now, attained))
         now = _outweighing(fitter, null, _less(fitter, now, cause, model, share, several_sizes(least)), attained)
     return now if now.is_explained else by_size
 
@@ -95,31 +96,31 @@ def several_sizes(constancy: Constancy) -> str:
     return f"its size differs by {100.0 * constancy.variation:.0f} % among {constancy.among}"
 
 
-def _of_several_sizes(fitter: Fitter, now: Elimination, threshold: float) -> tuple[Constancy, ...]:
+def _of_several_sizes(fitter: Fitter, null: Fit, now: Elimination, threshold: float) -> tuple[Constancy, ...]:
     """Causes whose sizes differ among channels."""
-    explained_by_several = len(now.causes) > 1 and _leaves_noise(fitter, now)
+    explained_by_several = len(now.causes) > 1 and _leaves_noise(fitter, null, now)
     return differing(constancies(fitter.evidence, now.final), threshold, explained_by_several)
 
 
-def _leaves_noise(fitter: Fitter, now: Elimination) -> bool:
+def _leaves_noise(fitter: Fitter, null: Fit, now: Elimination) -> bool:
     """Whether a model leaves only noise, by the sum of squares."""
-    return not significant(excess_chi2(fitter.evidence, now.final), chi2_std(fitter.evidence))
+    return not significant(*_excess(fitter, null, now))
 
 
-def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: Fit) -> Elimination:
+def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: float) -> Elimination:
     """Eliminate the weakest cause in turn, until each explains several times the possible remainder.
 
-    attained : the model with all causes, those included that were eliminated
+    attained : chi-square with all causes, those included that were eliminated
     """
     now = begun
     while now.causes:
-        alone, remaining = len(now.causes) == 1, _remaining(fitter, now, attained)
+        alone, remaining = len(now.causes) == 1, _remaining(fitter, null, now, attained)
         spent = not alone and fitter.effort.spent
-        if spent and _leaves_noise(fitter, now):
+        if spent and _leaves_noise(fitter, null, now):
             return now
         tasks = [] if spent else [partial(_without, null=null, now=now, left_out=cause) for cause in now.causes]
         reduced = list(fitter.in_turn(tasks))
-        rises = [chi2_rise(fitter.evidence, now.final, fit) if fit.names else np.inf for fit in reduced]
+        rises = [_rise(fitter, now.final, fit) if fit.names else np.inf for fit in reduced]
         rises = rises or [cause.chi2_reduction for cause, _ in now.causes]
         weakest = int(np.argmin(rises))
         over = rises[weakest] - CRITERIA.min_over_remainder * remaining
@@ -128,26 +129,37 @@ def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: Fit) -
             return now
         if spent or alone:
             break
-        share = explained_part(rises[weakest], remaining)
+        share = _share(rises[weakest], remaining)
         now = _less(fitter, now, now.causes[weakest], reduced[weakest], share)
     return replace(begun, is_explained=False, margin=now.margin)
 
 
-def _remaining(fitter: Fitter, now: Elimination, attained: Fit) -> float:
+def _rise(fitter: Fitter, final: Fit, model: Fit) -> float:
+    """Rise of chi-square from a model to another, where the simulations of both are reliable."""
+    common = fitter.evidence.with_weights([final.point.simulated, model.point.simulated])
+    return model.chi2_over(common) - final.chi2_over(common)
+
+
+def _excess(fitter: Fitter, null: Fit, now: Elimination) -> tuple[float, float]:
+    """Excess chi-square where the simulations of the calibrated model are reliable too, and its standard deviation."""
+    common = fitter.evidence.with_weights([null.point.simulated, now.final.point.simulated])
+    return excess_over(common, now.final), chi2_std(common)
+
+
+def _remaining(fitter: Fitter, null: Fit, now: Elimination, attained: float) -> float:
     """Excess chi-square of the possible remainder, and no less than those explained that were eliminated.
 
     Where the sum of squares is not significant it is 0 beside one cause; beside several, which imitate others more
     easily, so large that each has to explain more than the standard deviation of that sum.
     """
-    excess, std = excess_chi2(fitter.evidence, now.final), chi2_std(fitter.evidence)
+    excess, std = _excess(fitter, null, now)
     insignificant = std / CRITERIA.min_over_remainder if len(now.causes) > 1 else 0.0
-    eliminated_before = chi2_rise(fitter.evidence, attained, now.final)
-    return max(eliminated_before, excess if significant(excess, std) else insignificant)
+    return max(now.final.chi2 - attained, excess if significant(excess, std) else insignificant)
 
 
-def explained_part(rise: float, remaining: float) -> float:
-    """Share that a cause explains of what the others leave  [1]; 0 where reliable simulations show nothing of it."""
-    return rise / (rise + max(0.0, remaining)) if rise > 0.0 else 0.0
+def _share(rise: float, remaining: float) -> float:
+    """Share that a cause explains of what the others leave  [1]."""
+    return rise / (rise + remaining)
 
 
 def _less(fitter: Fitter, now: Elimination, cause: Cause, model: Fit, share: float, reason: str = "") -> Elimination:

@@ -122,12 +122,12 @@ class Evidence:
         """Return some of the records."""
         return Evidence(tuple(part for part in self.parts if part.name in names))
 
-    def where_reliable(self, simulations: Sequence[Mapping[str, SimulatedRows]]) -> "Evidence":
-        """Return the same evidence, each sample weighted no more than by the least reliable of these simulations."""
+    def with_weights(self, simulations: Sequence[Mapping[str, SimulatedRows]]) -> "Evidence":
+        """Return the same evidence, compared only where all these simulations are reliable."""
         parts = []
         for part in self.parts:
-            trust = np.min([views[part.name].trust for views in simulations], axis=0)
-            parts.append(replace(part, weight=np.minimum(part.weight, row_weights(part.rows, part.used, trust))))
+            trust = np.prod([views[part.name].trust for views in simulations], axis=0)
+            parts.append(_weighted(part, trust))
         return Evidence(tuple(parts))
 
     def with_remainder(self, residual: np.ndarray) -> "Evidence":
@@ -147,13 +147,13 @@ class Evidence:
             parts.append(replace(part, noise=tuple(noises)))
         return Evidence(tuple(parts))
 
-    def with_noise_of(self, other: "Evidence") -> "Evidence":
-        """Return the evidence with the noise of other evidence of the same samples."""
-        pairs = zip(self.parts, other.parts, strict=True)
-        return Evidence(tuple(replace(part, noise=known.noise) for part, known in pairs))
-
 
 def clocks_differ(one: Evidence, other: Evidence) -> bool:
     """Whether the uncertainty of a clock counts in one of two sets of the same records and not in the other."""
     shares = [abs(p.clock_share - q.clock_share) for p, q in zip(one.parts, other.parts, strict=True)]
     return max(shares, default=0.0) > CRITERIA.max_noise_change
+
+
+def _weighted(part: Part, trust: np.ndarray) -> Part:
+    """Return the record with the weights of simulations of this reliability (n,)."""
+    return replace(part, weight=row_weights(part.rows, part.used, trust))

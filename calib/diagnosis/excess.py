@@ -1,8 +1,4 @@
-"""The excess chi-square of a fit: its sum of squared residuals less its degrees of freedom.
-
-What a model leaves, and what it leaves more than another, is judged where the simulations of these models are reliable:
-beside an impact that one of them has at another instant the misfit says nothing of it.
-"""
+"""The excess chi-square of a fit: its sum of squared residuals less its degrees of freedom."""
 
 import numpy as np
 
@@ -17,19 +13,13 @@ def degrees_of_freedom(evidence: Evidence, fit: Fit) -> float:
 
 
 def excess_chi2(evidence: Evidence, fit: Fit) -> float:
-    """Chi-square of a fit beyond its degrees of freedom, where its simulations are reliable."""
-    return excess_over(evidence.where_reliable([fit.point.simulated]), fit)
+    """Chi-square of a fit beyond its degrees of freedom."""
+    return fit.chi2 - degrees_of_freedom(evidence, fit)
 
 
 def excess_over(evidence: Evidence, fit: Fit) -> float:
     """Return the same over (other) evidence, such as where the simulations of another model are reliable too."""
     return fit.chi2_over(evidence) - degrees_of_freedom(evidence, fit)
-
-
-def chi2_rise(evidence: Evidence, fit: Fit, other: Fit) -> float:
-    """Rise of chi-square from a fit to another, where the simulations of both are reliable."""
-    common = evidence.where_reliable([fit.point.simulated, other.point.simulated])
-    return other.chi2_over(common) - fit.chi2_over(common)
 
 
 def chi2_std(evidence: Evidence) -> float:

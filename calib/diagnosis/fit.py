@@ -143,12 +143,8 @@ class Fit:
         """Value of a parameter, in SI."""
         return float(self.point.values[name])
 
-    def residual_over(self, evidence: Evidence) -> np.ndarray:
-        """Residual (N,) in units of the noise of (other) evidence, without what nuisances absorb."""
-        simulated = self.point.simulated
-        return Projection(evidence.tangents(simulated))(evidence.residual(simulated))
-
     def chi2_over(self, evidence: Evidence) -> float:
         """Chi-square over (other) evidence, without what nuisances absorb."""
-        residual = self.residual_over(evidence)
+        simulated = self.point.simulated
+        residual = Projection(evidence.tangents(simulated))(evidence.residual(simulated))
         return float(residual @ residual)

@@ -15,15 +15,7 @@ from calib.diagnosis.noise import MAX_ORDER
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
-from calib.diagnosis.search import (
-    Round,
-    chi2_of_a_rival,
-    compared_where_reliable,
-    rival_suspects,
-    search,
-    simplest,
-    with_possible_causes,
-)
+from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_possible_causes
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, leading_variants
 
@@ -73,9 +65,8 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     old, residual = fitter.evidence, state.final.residual
     evidence = old
     if not dominant(excess_chi2(old, state.final), chi2_std(old)):
-        reliable = old.where_reliable([state.final.point.simulated])
-        left = remainder(reliable, state.final, [derivatives.columns for derivatives in state.known.values()])
-        evidence = old.with_noise_of(reliable.with_reestimated_noise(left))
+        left = remainder(old, state.final, [derivatives.columns for derivatives in state.known.values()])
+        evidence = old.with_reestimated_noise(left)
         residual = evidence.carried(residual[:, None], old)[:, 0]
     evidence = evidence.with_remainder(residual)
     if not _differs(evidence, old):
@@ -122,7 +113,7 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Re
     for suspect, fit in zip(suspects, fits, strict=True):
         if fit.names:
             refitted.append(suspect.refitted(fit, base.chi2 - fit.chi2))
-    return compared_where_reliable(fitter.evidence, base, refitted)[1]
+    return refitted
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:

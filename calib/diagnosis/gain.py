@@ -13,14 +13,14 @@ from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import bias_std
+from calib.diagnosis.excess import bias_std, chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gathering import cycle_of, gathered
+from calib.diagnosis.harmonic_excess import harmonic_excess, model_error_chi2
 from calib.diagnosis.joint_misfit import JointMisfit, joint_misfit
 from calib.diagnosis.part import Part
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection
-from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted
 from calib.diagnosis.transfer import (
     Agreement,
@@ -130,20 +130,30 @@ class Gain:
         return same and bool(np.isfinite(self.interval).all())
 
 
-def gained(fitter: Fitter, bench: Bench, selection: Selection, seed: int) -> Gain:
+def gained(
+    fitter: Fitter,
+    bench: Bench,
+    null: Fit,
+    final: Fit,
+    causes: Sequence[Refitted],
+    seed: int,
+    threshold: float,
+) -> Gain:
     """Compare the calibrated and the extended model on records held out, or else on blocks of the calibrated ones.
 
     On a record held out only its own nuisances are solved for.
+
+    Parameters
+    ----------
+    threshold : of the normal deviate, from which the records' sizes differ
     """
-    null, final, threshold = selection.null, selection.final, selection.rounds[0].threshold
-    shifts = _shifts(fitter, selection)
-    own = fitter.evidence.where_reliable([final.point.simulated])
-    fitted = derivatives_by_record(fitter, own, final, final.columns)
-    significant_remainder = selection.remainder_is_significant
-    transfers = refitted_to_each_record(own, final, fitted, significant_remainder, held=False)
+    shifts = _shifts(fitter, null, final)
+    fitted = derivatives_by_record(fitter, fitter.evidence, final, final.columns)
+    significant_remainder = significant(excess_chi2(fitter.evidence, final), chi2_std(fitter.evidence))
+    transfers = refitted_to_each_record(fitter.evidence, final, fitted, significant_remainder, held=False)
     held = [name for name, reference in bench.objective.references.items() if reference.use == "holdout"]
     if not held:
-        return _of_blocks(fitter, null, final, selection.causes, seed, shifts=shifts, **_sizes(transfers, threshold))
+        return _of_blocks(fitter, null, final, causes, seed, shifts=shifts, **_sizes(transfers, threshold))
     before, after, failed = _simulated(fitter.pool, held, null, final)
     if not before:
         nan = np.nan
@@ -154,7 +164,7 @@ def gained(fitter: Fitter, bench: Bench, selection: Selection, seed: int) -> Gai
     columns = derivatives_by_record(fitter, evidence, there)
     transfers += refitted_to_each_record(evidence, there, columns, significant_remainder, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
-    everything = [(own, final.point.simulated, fitted), (evidence, after, columns)]
+    everything = [(fitter.evidence, final.point.simulated, fitted), (evidence, after, columns)]
     one = len(fitter.evidence.parts) == 1
     rest = {
         "shifts": shifts,
@@ -190,7 +200,7 @@ def _held_out_evidence(
     references = {name: bench.objective.references[name] for name in after}
     cycle = {name: cycle_of(reference) for name, reference in references.items()}
     clocks = clock_slopes(pool, bench, after, final.point.values, final.point.effects)
-    evidence = gathered(references, bench.rows, cycle, after, clocks=clocks).where_reliable([before, after])
+    evidence = gathered(references, bench.rows, cycle, after, clocks=clocks).with_weights([before, after])
     return evidence.with_remainder(Projection(evidence.tangents(after))(evidence.residual(after)))
 
 
@@ -293,10 +303,12 @@ def _sizes(transfers: tuple[Transfer, ...], threshold: float) -> _Sizes:
     }
 
 
-def _shifts(fitter: Fitter, selection: Selection) -> tuple[Shift, ...]:
+def _shifts(fitter: Fitter, null: Fit, final: Fit) -> tuple[Shift, ...]:
     """Changes of the calibrated parameters whose standard errors are finite."""
-    null, final = selection.null, selection.final
-    biases = [bias_std(selection.model_error_chi2, final.information(name)) for name in null.names]
+    evidence = fitter.evidence
+    harmonics = harmonic_excess(evidence, final)
+    model_error = model_error_chi2(excess_chi2(evidence, final), chi2_std(evidence), harmonics)
+    biases = [bias_std(model_error, final.information(name)) for name in null.names]
     errors = zip(null.names, null.error(null.names), np.hypot(final.error(null.names), biases), strict=True)
     parameters = fitter.model.parameters
     return tuple(

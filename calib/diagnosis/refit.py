@@ -61,9 +61,6 @@ def _directions_of(point: Point, candidate: Candidate) -> list[Direction]:
 class Fitter:
     """Fit models to evidence, from a calibrated point on.
 
-    Each is fitted where its own simulations are reliable: half a jump of a velocity, in one sample beside an impact,
-    would outweigh the rest of the record.
-
     Parameters
     ----------
     pool : maps `calib.diagnosis.bench.Run` to `SimulatedRows`; `effort` counts its simulations
@@ -179,8 +176,7 @@ class Fitter:
         """Return the fit with the derivatives at its own point."""
         fit = self._with_initial_slopes(fit)
         directions = self.directions(fit.point, fit.candidates)
-        evidence = self._reliable(fit.point.simulated)
-        taken = slopes(self.pool, evidence, fit.point, directions, self.steps, "new", fit.nuisances, together=True)
+        taken = slopes(self.pool, self.evidence, fit.point, directions, self.steps, "new", fit.nuisances, together=True)
         self.steps |= {d.name: s.taken for d, s in zip(directions, taken, strict=True) if s.taken}
         none = np.zeros(fit.residual.size)
         columns = [none if s.column is None else s.column for s in taken]
@@ -233,19 +229,13 @@ class Fitter:
                 slopes[k] = (ahead.rows - views[name].rows) / step
                 starts[name] = replace(starts[name], slopes=slopes)
                 views[name] = replace(views[name], start=starts[name])
-        evidence = self._reliable(views)
-        nuisances = evidence.tangents(views)
-        residual = Projection(nuisances)(evidence.residual(views))
+        nuisances = self.evidence.tangents(views)
+        residual = Projection(nuisances)(self.evidence.residual(views))
         return replace(fit, point=replace(fit.point, simulated=views), residual=residual, nuisances=nuisances)
-
-    def _reliable(self, views: Mapping[str, SimulatedRows]) -> Evidence:
-        """Return the evidence where these simulations are reliable: where a model is fitted, and compared."""
-        return self.evidence.where_reliable([views])
 
     def _starts(self, views: Mapping[str, SimulatedRows], change: float | np.ndarray) -> dict[str, Start | None]:
         """Initial states that are nuisances, by record, where the simulations change by this (N,)."""
-        evidence = self._reliable(views)
-        moves = evidence.initial_moves(views, evidence.residual(views) - change)
+        moves = self.evidence.initial_moves(views, self.evidence.residual(views) - change)
         starts = {name: view.start for name, view in views.items() if view.start is not None}
         return {name: starts[name].moved(own) for name, own in moves.items()}
 
@@ -270,9 +260,8 @@ class Fitter:
         views = dict(zip(names, simulated(self.pool, origin.runs(names, values, starts=starts)), strict=True))
         if not all(view.usable for view in views.values()):
             return None
-        evidence = self._reliable(views)
-        nuisances = evidence.tangents(views)
-        residual = Projection(nuisances)(evidence.residual(views))
+        nuisances = self.evidence.tangents(views)
+        residual = Projection(nuisances)(self.evidence.residual(views))
         none = np.zeros((residual.size, 0))
         parameters = tuple(d.name for d in directions)
         point, rows = Point(values, origin.effects, views), self.evidence.rows()
@@ -280,9 +269,8 @@ class Fitter:
 
     def _failed(self, start: Point, candidates: Sequence[Candidate]) -> Fit:
         """A fit without parameters, for one that cannot begin."""
-        evidence = self._reliable(start.simulated)
-        nuisances = evidence.tangents(start.simulated)
-        residual = evidence.residual(start.simulated)
+        nuisances = self.evidence.tangents(start.simulated)
+        residual = self.evidence.residual(start.simulated)
         none = np.zeros((residual.size, 0))
         rows = self.evidence.rows()
         return Fit(
@@ -309,8 +297,7 @@ class Fitter:
         if not all(view.usable for view in views.values()):
             return None
         null, projection = candidate.null, base.projection
-        evidence = self.evidence.where_reliable([base.point.simulated, views])
-        residual, change = projection(base.residual), projection(evidence.difference(base.point.simulated, views))
+        residual, change = projection(base.residual), projection(self.evidence.difference(base.point.simulated, views))
         if candidate.effect.guess is not None or not np.isfinite(null).all():
             remainder = residual - change
             return float(residual @ residual - remainder @ remainder), sizes
@@ -334,11 +321,10 @@ class Fitter:
 
     def candidate_slopes(self, base: Fit, candidates: Sequence[Candidate]) -> list[list[Slope]]:
         """Slopes of each candidate's parameters at null beside a model, all side by side."""
-        reliable = self._reliable(base.point.simulated)
 
         def taken(owners: Sequence[Candidate], pool: Pool) -> list[Slope]:
             directions = [_at_null(candidate, p) for candidate in owners for p in candidate.parameters]
-            return slopes(pool, reliable, base.point, directions, absorbed=base.projection.basis)
+            return slopes(pool, self.evidence, base.point, directions, absorbed=base.projection.basis)
 
         each = [partial(taken, [candidate]) for candidate in candidates]
         with self.effort.pool.expecting(each if self.pool is self.effort else []):

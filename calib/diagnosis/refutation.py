@@ -181,5 +181,6 @@ def _has_one_size(rival: Refitted, own: Gain, gain: Gain, variation: float) -> b
 
 def _with_gain(fitter: Fitter, bench: Bench, selection: Selection, seed: int) -> tuple[Selection, Gain]:
     """Return a selection with its sizes compared from record to record, and the gain by its causes."""
-    gain = gained(fitter, bench, selection, seed)
+    threshold = selection.rounds[0].threshold
+    gain = gained(fitter, bench, selection.null, selection.final, selection.causes, seed, threshold)
     return selection.with_records_compared(gain.agreements, gain.fitted_agree), gain

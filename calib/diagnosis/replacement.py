@@ -11,8 +11,7 @@ from scipy import stats
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_rise, chi2_std, excess_chi2
+from calib.diagnosis.excess import chi2_std, excess_chi2
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection
@@ -53,7 +52,7 @@ def replaced(
             pairs[index] = unchanged
             continue
         outcome = _search_beside(fitter, without, others, candidates, seed, known, final.chi2)
-        chi2_increase = chi2_rise(fitter.evidence, final, without)
+        chi2_increase = without.chi2 - final.chi2
         chosen = outcome.chosen
         if chosen is not None and _replaces(chosen, cause, outcome, chi2_increase):
             again = again or chosen.name != cause.name
@@ -103,10 +102,9 @@ def _replaces(chosen: Refitted, cause: Refitted, outcome: Round, chi2_increase: 
     return chosen.chi2_reduction - chosen.aic_penalty > chi2_increase - cause.aic_penalty
 
 
-def fall_in_aic(evidence: Evidence, model: tuple[Sequence[Cause], Fit], other: tuple[Sequence[Cause], Fit]) -> float:
-    """Akaike's criterion of a model with its causes, less that of another, where both simulations are reliable."""
-    penalties = [sum(cause.aic_penalty for cause, _ in causes) for causes, _ in (model, other)]
-    return chi2_rise(evidence, other[1], model[1]) + penalties[0] - penalties[1]
+def aic(causes: Sequence[Cause], final: Fit) -> float:
+    """Akaike's criterion of a model with these causes, less that of no parameter."""
+    return final.chi2 + sum(cause.aic_penalty for cause, _ in causes)
 
 
 def best_pair(
@@ -140,7 +138,7 @@ def best_pair(
             fit = next(fits)
             refitted = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
             pairs: list[Cause] = [(cause, (cause,)) for cause in refitted]
-            if pairs and (best is None or fall_in_aic(fitter.evidence, best, (pairs, fit)) > 0.0):
+            if pairs and (best is None or aic(pairs, fit) < aic(*best)):
                 best = pairs, fit
     return None if best is None else (best[0], fitter.with_derivatives(best[1]))
 

@@ -5,12 +5,11 @@ from dataclasses import replace
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.compromise import any_rejected, with_best_pair
-from calib.diagnosis.elimination import LeftOut, explained_part
-from calib.diagnosis.excess import chi2_rise
+from calib.diagnosis.elimination import LeftOut
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import without_cause
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.stepwise import as_selection, lesser, state_of, through_elimination
+from calib.diagnosis.stepwise import as_selection, state_of, through_elimination
 from calib.diagnosis.suspect import Refitted
 
 
@@ -68,8 +67,8 @@ def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str)
     fit = without_cause(fitter, selection.null, selection.final, cause, candidates)
     if not fit.names:
         return None
-    rise, attained = chi2_rise(fitter.evidence, selection.final, fit), lesser(selection.attained, selection.final)
-    out = LeftOut(cause.name, explained_part(rise, selection.remaining_chi2), names, reason)
+    rise, attained = fit.chi2 - selection.final.chi2, min(selection.attained, selection.final.chi2)
+    out = LeftOut(cause.name, rise / (rise + max(0.0, selection.remaining_chi2)), names, reason)
     state = replace(state, final=fitter.with_derivatives(fit), causes=tuple(others), attained=attained)
     state = through_elimination(fitter, state)
     elimination = state.elimination

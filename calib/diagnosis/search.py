@@ -10,7 +10,7 @@ import numpy as np
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_std, degrees_of_freedom, dominant, excess_chi2, excess_over, significant
+from calib.diagnosis.excess import chi2_std, degrees_of_freedom, dominant, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fitter
@@ -95,9 +95,10 @@ def search(
     possible: list[Refitted] = []
     rivals: tuple[Refitted, ...] = ()
     if refitted:
-        common, refitted = compared_where_reliable(fitter.evidence, base, refitted)
+        common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
         before = base.chi2_over(common)
-        excess = excess_over(common, base)
+        excess = before - degrees_of_freedom(common, base)
+        refitted = [replace(s, chi2_reduction=before - s.fit.chi2_over(common)) for s in refitted]
         possible = [s for s in refitted if _is_possible(s, threshold)]
         rivals = rival_suspects(fitter.evidence, possible, threshold)
     latest = {id(s.candidate): s for s in refitted}
@@ -359,18 +360,6 @@ def _is_possible(suspect: Refitted, threshold: float) -> bool:
     return bool(deviate(suspect.chi2_reduction, len(candidate.free)) > threshold)
 
 
-def compared_where_reliable(
-    evidence: Evidence, base: Fit, refitted: Sequence[Refitted]
-) -> tuple[Evidence, list[Refitted]]:
-    """Evidence where all these simulations are reliable, and the suspects with their reductions of chi-square over it.
-
-    base : the model without them
-    """
-    common = evidence.where_reliable([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
-    before = base.chi2_over(common)
-    return common, [replace(s, chi2_reduction=before - s.fit.chi2_over(common)) for s in refitted]
-
-
 # --- rivals -----------------------------------------------------------------------------------------------------------
 
 
@@ -386,7 +375,7 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
     if not ordered:
         return ()
     best = ordered[0]
-    dispersion = 1.0 + max(0.0, excess_chi2(evidence, best.fit)) / max(1.0, degrees_of_freedom(evidence, best.fit))
+    dispersion = max(1.0, best.fit.chi2 / max(1.0, degrees_of_freedom(evidence, best.fit)))
     rivals = leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold))
     names = {rival.name for rival in rivals}
     return tuple(rival for rival in rivals if not names & set(rival.generalises))
@@ -411,14 +400,12 @@ def with_possible_causes(
 
 def _may_be_the_cause(evidence: Evidence, other: Refitted, best: Refitted) -> bool:
     """Whether a suspect may be the cause in the place of the best, a model error beside it given."""
+    difference = other.fit.residual - best.fit.residual
+    square = float(difference @ difference)
     if other.chi2_reduction < CRITERIA.min_explained_share * best.chi2_reduction:
         return False
-    common = evidence.where_reliable([other.fit.point.simulated, best.fit.point.simulated])
-    difference = other.fit.residual_over(common) - best.fit.residual_over(common)
-    square = float(difference @ difference)
-    product = np.sqrt(square * max(0.0, excess_over(common, other.fit)))
-    rise = other.fit.chi2_over(common) - best.fit.chi2_over(common)
-    return rise + square <= 2.0 * CRITERIA.max_model_error_cosine * product
+    product = np.sqrt(square * excess_chi2(evidence, other.fit))
+    return other.fit.chi2 - best.fit.chi2 + square <= 2.0 * CRITERIA.max_model_error_cosine * product
 
 
 def simplest(rivals: Sequence[Refitted]) -> Refitted:

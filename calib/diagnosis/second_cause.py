@@ -13,7 +13,7 @@ from calib.diagnosis.joint_misfit import JointMisfit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import deviate
 from calib.diagnosis.selection import Selection
-from calib.diagnosis.stepwise import as_selection, lesser, state_of
+from calib.diagnosis.stepwise import as_selection, state_of
 from calib.diagnosis.suspect import Refitted, leading_variants
 
 MAX_JOINT_STEPS = 4  # towards the values that all records have  [count]
@@ -177,7 +177,7 @@ def _selected(fitter: Fitter, selection: Selection, fit: Fit, suspects: Sequence
     reason = "with both, all records have the same sizes and leave noise alone"
     state = state_of(selection).with_causes([(cause, (cause,)) for cause in causes], fit, reason)
     kept = Elimination(state.causes, fit, is_explained=True)
-    return as_selection(fitter, replace(state, elimination=kept, attained=lesser(selection.attained, fit)))
+    return as_selection(fitter, replace(state, elimination=kept, attained=min(selection.attained, fit.chi2)))
 
 
 def _criterion(pair: _Pair) -> float:

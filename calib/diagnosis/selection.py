@@ -53,8 +53,7 @@ class Selection:
     exchanges : of causes for others after the rounds, in order
     left_out : that explain part of the remainder of the causes, and too little to be causes
     elimination_margin : excess chi-square by which it is decided that the causes explain enough, and these do not
-    attained : model of the least chi-square that was considered
-    eliminated_chi2 : that this model explains more than the final one where causes were eliminated
+    attained : least chi-square of a model that was considered
     cut_short : whether the budget was spent before all was tried that might change the result
     """
 
@@ -74,8 +73,7 @@ class Selection:
     exchanges: tuple[Exchange, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     elimination_margin: float = np.inf
-    attained: Fit | None = None
-    eliminated_chi2: float = 0.0
+    attained: float = np.inf
     cut_short: bool = False
 
     def without_causes(self) -> "Selection":
@@ -93,7 +91,6 @@ class Selection:
             fitted_records_agree=True,
             left_out=(),
             elimination_margin=np.inf,
-            eliminated_chi2=0.0,
         )
 
     @property
@@ -113,12 +110,8 @@ class Selection:
 
     @property
     def model_error_chi2(self) -> float:
-        """Chi-square of the model error that the causes leave; 0 where what they leave may be noise.
-
-        At least what causes explained beside them that were eliminated: these were significant, though the sum of
-        squares may not be.
-        """
-        return max(self.eliminated_chi2, model_error_chi2(self.remaining_chi2, self.chi2_std, self.harmonics))
+        """Chi-square of the model error that the causes leave; 0 where what they leave may be noise."""
+        return model_error_chi2(self.remaining_chi2, self.chi2_std, self.harmonics)
 
     @property
     def heterogeneous(self) -> tuple[Constancy, ...]:

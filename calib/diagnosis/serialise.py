@@ -225,17 +225,11 @@ def _misfit(selection: Selection, deviations: Misfit) -> MisfitResult:
 def _remainder(selection: Selection, evidence: Evidence) -> RemainderResult:
     """The remaining misfit: its share, whether it is above the noise, and the part of each row in it.
 
-    In the low harmonics of a row, where only those show that there is a model error; where only causes show it that
-    were eliminated, what these explained.
+    In the low harmonics of a row, where only those show that there is a model error.
     """
-    final, attained = selection.final, selection.attained
+    in_harmonics = selection.model_error_chi2 > 0.0 and not selection.remainder_is_significant
     names = [(part.name, body, channel) for part in evidence.parts for body, channel in part.rows]
-    common = evidence.where_reliable([fit.point.simulated for fit in (final, attained) if fit is not None])
-    excess = _chi2_by_row(common, final) - np.array([(w**2).sum() for part in common.parts for w in part.weight])
-    if selection.harmonics.is_significant and not selection.remainder_is_significant:
-        excess = selection.harmonics.rows
-    elif attained is not None and selection.model_error_chi2 > 0.0 and not selection.remainder_is_significant:
-        excess = _chi2_by_row(common, final) - _chi2_by_row(common, attained)
+    excess = selection.harmonics.rows if in_harmonics else _excess_by_row(evidence, selection.final)
     rows = [RemainderRow(*name, max(0.0, float(row))) for name, row in zip(names, excess, strict=True)]
     return RemainderResult(
         share=selection.remaining_chi2 / selection.excess_chi2 if selection.is_significant else None,
@@ -244,9 +238,13 @@ def _remainder(selection: Selection, evidence: Evidence) -> RemainderResult:
     )
 
 
-def _chi2_by_row(evidence: Evidence, fit: Fit) -> np.ndarray:
-    """Chi-square (R,) of each row of all records."""
-    return np.bincount(evidence.rows(), fit.residual_over(evidence) ** 2)
+def _excess_by_row(evidence: Evidence, fit: Fit) -> list[float]:
+    """Chi-square of each row of all records beyond its number of residuals that count."""
+    excess = []
+    for part in evidence.parts:
+        residual = fit.residual[evidence.of(part.name)].reshape(part.measured.shape)
+        excess += [float(row @ row) - float((w**2).sum()) for row, w in zip(residual, part.weight, strict=True)]
+    return excess
 
 
 def _joint_size(cause: Suspect, selection: Selection) -> JointSize:

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.diagnosis.constancy import constancies
 from calib.diagnosis.elimination import Elimination, eliminated
-from calib.diagnosis.excess import chi2_rise, chi2_std, excess_over, significant
+from calib.diagnosis.excess import chi2_std, excess_over, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.harmonic_excess import harmonic_excess
 from calib.diagnosis.refit import Fitter
@@ -29,7 +29,7 @@ class StepwiseState:
     causes : in the final model
     exchanges : of causes for others
     elimination : of these causes; None before it
-    attained : model of the least chi-square that went through elimination: what its causes explained remains without
+    attained : least chi-square of a model that went through elimination: what its causes explained remains without them
     """
 
     null: Fit
@@ -39,7 +39,7 @@ class StepwiseState:
     causes: tuple[Cause, ...] = ()
     exchanges: tuple[Exchange, ...] = ()
     elimination: Elimination | None = None
-    attained: Fit | None = None
+    attained: float = np.inf
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -63,11 +63,6 @@ class StepwiseState:
         return replace(self, causes=tuple(causes), final=final, exchanges=exchanges, elimination=None)
 
 
-def lesser(attained: Fit | None, fit: Fit) -> Fit:
-    """The model of the lesser chi-square, of one that was attained before and another."""
-    return fit if attained is None or fit.chi2 < attained.chi2 else attained
-
-
 def state_of(selection: Selection) -> StepwiseState:
     """Return the state in which a selection ended, before another elimination."""
     causes = tuple(zip(selection.causes, selection.alternatives, strict=True))
@@ -80,7 +75,7 @@ def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     """Eliminate causes that explain little beside the remainder; if all do, they stay as the closest ones."""
     if not state.causes or state.elimination is not None:
         return state
-    attained = lesser(state.attained, state.final)
+    attained = min(state.attained, state.final.chi2)
     left = eliminated(fitter, state.null, state.causes, state.final, state.rounds[0].threshold, attained)
     return replace(state, causes=left.causes, final=left.final, elimination=left, attained=attained)
 
@@ -88,7 +83,7 @@ def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
 def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
     """Compare the calibrated and the final model where the simulations of both are reliable."""
     null, final, causes, elimination = state.null, state.final, state.causes, state.elimination
-    common = fitter.evidence.where_reliable([null.point.simulated, final.point.simulated])
+    common = fitter.evidence.with_weights([null.point.simulated, final.point.simulated])
     excess, std = excess_over(common, null), chi2_std(common)
     named = {rival.name for _, rivals in causes for rival in rivals}
     return Selection(
@@ -107,13 +102,5 @@ def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
         left_out=tuple(one for one in elimination.left_out if one.effect not in named) if elimination else (),
         elimination_margin=elimination.margin if elimination else np.inf,
         attained=state.attained,
-        eliminated_chi2=_eliminated_chi2(fitter, state),
         cut_short=fitter.effort.spent,
     )
-
-
-def _eliminated_chi2(fitter: Fitter, state: StepwiseState) -> float:
-    """Chi-square that causes explained which were eliminated; 0 where none was."""
-    if state.elimination is None or not state.elimination.left_out:
-        return 0.0
-    return chi2_rise(fitter.evidence, lesser(state.attained, state.final), state.final)

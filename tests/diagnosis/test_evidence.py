@@ -98,13 +98,3 @@ def test_of_a_row_that_the_excitation_prescribes_no_noise_counts():
     both = part("one", 0.0, 0.5)
     used = np.array([[False], [True]]) & np.ones_like(both.used, dtype=bool)
     assert replace(both, used=used).compared_noise == both.noise[1:]
-
-
-def test_noise_that_was_estimated_in_some_of_the_samples_is_that_of_all():
-    whole = Evidence((part("quiet", [], [0.4]),))
-    views = {"quiet": SimulatedRows(np.zeros((2, SIZE)), np.where(np.arange(SIZE) < 200, 1.0, 0.0))}
-    fewer = whole.where_reliable([views])
-    louder = tuple(replace(noise, sigma=2.0 * noise.sigma) for noise in fewer.parts[0].noise)
-    [known] = whole.with_noise_of(Evidence((replace(fewer.parts[0], noise=louder),))).parts
-    assert [noise.sigma for noise in known.noise] == [0.2, 0.4]
-    assert (known.weight == whole.parts[0].weight).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_std, degrees_of_freedom, significant
+from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.harmonic_excess import UNTESTED, harmonic_excess, model_error_chi2
 from calib.diagnosis.noise import STATED, Noise
@@ -55,7 +55,7 @@ def test_of_noise_alone_the_excess_has_mean_zero_and_the_stated_deviation():
 def test_an_error_in_low_harmonics_is_significant_that_all_squares_hide(order, cycle):
     known = evidence(cycle=cycle)
     model = fit(known, error_of(150.0, order), 5)
-    excess, std = model.chi2 - degrees_of_freedom(known, model), chi2_std(known)
+    excess, std = excess_chi2(known, model), chi2_std(known)
     assert not significant(excess, std)
     found = harmonic_excess(known, model)
     assert found.is_significant
@@ -68,9 +68,9 @@ def test_an_error_in_low_harmonics_is_significant_that_all_squares_hide(order, c
 def test_beyond_them_and_without_a_period_only_all_squares_count(order, period):
     known = evidence(period)
     small, large = (fit(known, error_of(chi2, order), 5) for chi2 in (150.0, 1500.0))
-    excess, std = [model.chi2 - degrees_of_freedom(known, model) for model in (small, large)], chi2_std(known)
-    assert model_error_chi2(excess[0], std, harmonic_excess(known, small)) == 0.0
-    assert model_error_chi2(excess[1], std, harmonic_excess(known, large)) == excess[1] > 1000.0
+    assert model_error_chi2(excess_chi2(known, small), chi2_std(known), harmonic_excess(known, small)) == 0.0
+    excess = excess_chi2(known, large)
+    assert model_error_chi2(excess, chi2_std(known), harmonic_excess(known, large)) == excess > 1000.0
 
 
 def test_what_parameters_absorb_is_no_degree_of_freedom():

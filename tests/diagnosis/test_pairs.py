@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from in_turn import InTurn
-from reliable import everywhere, model
 from softening_decay import DRAG, SOFTENING, written
 
 from calib import plugins
@@ -51,8 +50,7 @@ def test_suspects_that_explain_about_as_much_are_fitted_again_in_another_noise()
     """Before a cause is known the misfit may hide the uncertainty of a clock: what explains most is then another."""
 
     def fitted(name, reduction):
-        fit = model(0.0, names=(name,), candidates=())
-        fit.point.name = name
+        fit = SimpleNamespace(names=(name,), point=name, candidates=(), chi2=0.0)
         return Refitted(SimpleNamespace(name=name), SimpleNamespace(), fit, reduction)
 
     cause, alike, less = fitted("softening", 1492.0), fitted("cubic_stiffness", 1481.0), fitted("preload", 500.0)
@@ -63,11 +61,11 @@ def test_suspects_that_explain_about_as_much_are_fitted_again_in_another_noise()
     bounds = {}
 
     def fit(point, candidates, rival):
-        bounds[point.name] = rival
-        return model(chi2[point.name], names=(point.name,))
+        bounds[point] = rival
+        return SimpleNamespace(names=(point,), chi2=chi2[point])
 
-    base = model(10.0, residual=np.zeros(8))
-    again = _refitted_rivals(InTurn(fit=fit, evidence=everywhere(8)), base, state)
+    base = SimpleNamespace(chi2=10.0, residual=np.zeros(8))
+    again = _refitted_rivals(InTurn(fit=fit), base, state)
     assert np.isinf(bounds["softening"])
     assert 3.0 < bounds["cubic_stiffness"] < np.inf  # what stays behind is given up
     assert {s.name: s.chi2_reduction for s in again} == {"softening": 7.0, "cubic_stiffness": 9.0}
@@ -106,11 +104,15 @@ def test_a_cause_that_a_pair_would_replace_is_fitted_again_from_where_the_pair_w
     ],
 )
 def test_a_calibrated_model_at_the_edge_of_its_windows_is_fitted_from_their_middle_too(at_an_edge, chi2, again, kept):
+    def model(chi2):
+        none = np.zeros((0, 0))
+        return SimpleNamespace(chi2=chi2, names=("damping",), point="middle", columns=none, nuisances=none)
+
     fitter = SimpleNamespace(
-        evidence=everywhere(1000),
+        evidence=SimpleNamespace(counted=lambda: 1000.0),
         is_at_an_edge=lambda fit: at_an_edge,
-        in_the_middle=lambda fit: model(9000.0, names=("damping",)),
-        fit=lambda start, columns, rival: model(again, names=("damping",)),
+        in_the_middle=lambda fit: model(9000.0),
+        fit=lambda start, columns, rival: model(again),
         with_derivatives=lambda fit: fit,
     )
-    assert _recalibrated(fitter, model(chi2, names=("damping",))).chi2 == kept
+    assert _recalibrated(fitter, model(chi2)).chi2 == kept

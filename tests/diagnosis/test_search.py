@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from in_turn import InTurn
-from reliable import everywhere, model
 
 from calib.diagnosis.search import (
     _refits,
@@ -16,12 +15,12 @@ from calib.diagnosis.search import (
 )
 
 SIZE, LIMIT = 1000.0, 3.4
-EVIDENCE = everywhere(SIZE)
+EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
 
 
 def suspect(name, parameters, reduction, chi2, generalises=()):
     """Stand in for a suspect that reduces chi-square by `reduction` to `chi2`."""
-    fit = model(chi2)
+    fit = SimpleNamespace(chi2=chi2, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)))
     penalty = 2.0 * parameters
     return SimpleNamespace(
         name=name, parameter_count=parameters, aic_penalty=penalty, chi2_reduction=reduction, fit=fit,
@@ -58,7 +57,7 @@ def fitted(name, reduction, *residual):
     """Stand in for a refitted suspect, whose fit leaves this beside the noise in directions that are told apart."""
     whole = np.array([np.sqrt(SIZE), *residual, *[0.0] * (3 - len(residual))])
     found = suspect(name, 1, reduction, float(whole @ whole))
-    found.fit.residual_over = lambda evidence: whole
+    found.fit.residual = whole
     return found
 
 
