@@ -12,7 +12,8 @@ import numpy as np
 
 from calib.diagnosis.candidate import Scales, candidates
 from calib.diagnosis.discovery.continuation import known_region
-from calib.diagnosis.discovery.discover import FOUND, OF_HISTORY, Discovery
+from calib.diagnosis.discovery.discover import FOUND, Discovery
+from calib.diagnosis.discovery.document import OF_HISTORY
 from calib.diagnosis.discovery.formula import Number
 from calib.diagnosis.discovery.formulas import FormulaTrial, prefix_of
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, SYMBOLS, UNITS, VELOCITY, FreeForce

@@ -12,6 +12,7 @@ import numpy as np
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.discovery.document import OF_HISTORY
 from calib.diagnosis.discovery.formulas import FormulaTrial, expected_of_formulas, formulas_of
 from calib.diagnosis.discovery.free_force import SURFACE_COEFFICIENTS, FreeForce, free_force
 from calib.diagnosis.discovery.history import HistoryTrial, history_trials
@@ -53,7 +54,6 @@ from calib.objective import Reference
 from calib.study import CalibrationStudy
 
 FOUND, NOTHING, UNDETERMINED, NOT_DIAGNOSABLE = "found", "nothing", "undetermined", "not_diagnosable"
-OF_HISTORY = "history_dependent"
 FITS_PER_PLACE, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
 SIMULATIONS_PER_COEFFICIENT = 2.5  # of each record for its derivative, as measured  [count]
 DERIVATIVES_PER_SURFACE_FIT = 1.5  # by all coefficients, as measured  [count]

@@ -7,6 +7,8 @@ from typing import Any
 from calib.diagnosis.document import GateResult
 from calib.store.plain import plain, typed
 
+OF_HISTORY = "history_dependent"  # verdict that a law with internal states predicts better than functions of the state
+
 
 @dataclass(frozen=True)
 class FunctionResult:
@@ -191,7 +193,7 @@ class DiscoveryResult:
     @property
     def depends_on_history(self) -> bool:
         """Whether a law with internal states predicts better than any function of the state."""
-        return self.verdict == "history_dependent"
+        return self.verdict == OF_HISTORY
 
     @property
     def formula(self) -> FormulaResult | None:

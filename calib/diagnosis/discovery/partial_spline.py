@@ -76,9 +76,8 @@ class PartialSpline:
         basis = np.column_stack([rows, self.scales * _slopes(self.formula, part)])
         basis = basis - rows @ self.absorbed @ (self._share @ self._visited)
         weight = self.smoothing.weight
-        variance = np.sum((basis @ self.smoothing.covariance(weight)) * basis, axis=1)
         values = self.formula_alone(rows, part) + basis @ self.smoothing.coefficients(weight)
-        return values, np.sqrt(self.dispersion * np.maximum(0.0, variance))
+        return values, np.sqrt(self.dispersion) * self.smoothing.errors(basis, weight)
 
     def formula_alone(self, rows: np.ndarray, part: Part) -> np.ndarray:
         """Values (n,) of a part of the formula, without what calibration absorbs of the whole.

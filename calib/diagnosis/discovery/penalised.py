@@ -162,8 +162,7 @@ class PenalisedFit:
     def combination(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (n,) and standard errors of rows (n, p) by the coefficients, without what calibration absorbs."""
         basis = rows @ self.smoothing.gauge(self.model.visited)
-        variance = np.sum((basis @ self.smoothing.covariance(self.weight)) * basis, axis=1)
-        return basis @ self.coefficients, np.sqrt(self.dispersion * np.maximum(0.0, variance))
+        return basis @ self.coefficients, np.sqrt(self.dispersion) * self.smoothing.errors(basis, self.weight)
 
 
 def penalised_fit(

@@ -172,6 +172,10 @@ class Smoothing:
         """Covariance (p, p) of the coefficients by noise of unit variance and the prior (Wahba; Wood, section 6.10)."""
         return self.frame @ self._posterior(weight).solved(self.frame.T)
 
+    def errors(self, rows: np.ndarray, weight: float) -> np.ndarray:
+        """Standard errors (n,) of rows (n, p) by the coefficients, by noise of unit variance and the prior."""
+        return np.sqrt(np.maximum(0.0, np.sum((rows @ self.covariance(weight)) * rows, axis=1)))
+
     def weight_of(self, effective_parameters: float) -> float:
         """Least weight at which there are no more effective parameters than these, but for those of linear functions.
 
