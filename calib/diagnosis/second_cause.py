@@ -27,10 +27,10 @@ def with_second_cause(
     """Put two causes in the place of one whose size differs among records; None where no two leave noise alone.
 
     Over the motions of one record two effects may change as one of another size does, so that its fit needs none
-    beside that one; other motions tell them apart. Pairs of that cause and a suspect that explains about as much are
-    compared by the chi-square of all records, those held out included. The pair of the least is taken, if it has one
-    size in all records, leaves noise alone in them, and neither of the two does as much alone. Those whose criterion of
-    Akaike ties with it in the place of one of the two are its rivals.
+    beside that one; other motions tell them apart. Pairs of that cause, or else of one of its rivals, and a suspect
+    that explains about as much are compared by the chi-square of all records, those held out included. The pair of the
+    least is taken, if it has one size in all records, leaves noise alone in them, and neither of the two does as much
+    alone. Those whose criterion of Akaike ties with it in the place of one of the two are its rivals.
 
     Parameters
     ----------
@@ -39,9 +39,7 @@ def with_second_cause(
     """
     if gain.joint is None or not gain.joint.is_significant or selection.remainder_is_significant:
         return None
-    [cause], [rivals] = selection.causes, selection.alternatives
-    partners = _partners(selection, cause, rivals)
-    pairs = _those_that_stand(fitter, selection, [(cause, partner) for partner in partners], tested)
+    partners, pairs = _of_the_class(fitter, selection, tested)
     if not pairs:
         return None
     second = min(pairs, key=_criterion).members[1]
@@ -81,6 +79,23 @@ class _Pair:
     def aic_penalty(self) -> float:
         """Penalty of the parameters of both in AIC."""
         return sum(cause.aic_penalty for cause in self.members)
+
+
+def _of_the_class(
+    fitter: Fitter, selection: Selection, tested: Callable[[Selection], Outcome]
+) -> tuple[list[Refitted], list[_Pair]]:
+    """Partners of the first of the cause and its rivals with which any pair stands, and these pairs.
+
+    Last digits decide which of those that cannot be told apart is the cause; whether a pair with it has one size in all
+    channels may differ from one to the other.
+    """
+    [cause], [rivals] = selection.causes, selection.alternatives
+    for first in (cause, *(rival for rival in rivals if rival.name != cause.name)):
+        partners = _partners(selection, first, rivals)
+        pairs = _those_that_stand(fitter, selection, [(first, partner) for partner in partners], tested)
+        if pairs:
+            return partners, pairs
+    return [], []
 
 
 def _refitted_towards_all(

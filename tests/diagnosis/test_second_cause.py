@@ -41,6 +41,7 @@ def gain(joint):
         ({"ac": -10.0}, [["a"], ["c"]]),
         ({"ac": -10.0, "ad": -9.0}, [["a"], ["c", "d"]]),
         ({"ac": -10.0, "bc": -12.0, "ad": 0.0}, [["a", "b"], ["c"]]),  # of a tie the simpler; d is 10 behind
+        ({"bc": -12.0}, [["b"], ["c"]]),  # of the cause and its rival, only the latter has one size
         ({"ac": 400.0}, None),  # a pair that leaves more than noise
         ({"ac": -10.0, "c": -9.0}, None),  # c alone does as much
         ({"ac": None}, None),
