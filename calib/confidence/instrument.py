@@ -16,7 +16,7 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter, Space, Window
 from calib.objective import Objective, Reference
-from calib.records import STATE, nuisance_sigma
+from calib.records import STATE, nuisance_sigma, with_channels
 from calib.study import CalibrationStudy
 
 SAMPLED_KINDS = ("scale", "shear", "offset")  # nuisances that are sampled where a record names them
@@ -57,8 +57,8 @@ def _read(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
                 values = values + xr.DataArray(offsets, dims="body").values[:, None]
                 if "velocity" in record:
                     values = values + p[f"{PREFIX}_shear"] * record["velocity"].values
-            changed[channel] = record[channel].copy(data=values)
-    return record.assign(changed)
+            changed[channel] = values
+    return with_channels(record, changed)
 
 
 def instrument(bodies: Sequence[str]) -> Effect:

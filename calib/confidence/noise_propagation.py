@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from calib.objective import Objective
-from calib.records import channels
+from calib.records import channels, with_channels
 
 PROPAGATION_DRAWS = 100  # for a standard error of 7 % of each correlation that is estimated from them  [count]
 UNSTATED_NOISE_SHARE = 0.01  # of a channel's standard deviation: noise where the record states no uncertainty  [1]
@@ -44,5 +44,5 @@ def _noisy(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
         stated = [name for name in (f"{channel}_sigma", "response_sigma") if name in record]
         size = record[stated[0]] if stated else UNSTATED_NOISE_SHARE * values.std(str(values.dims[-1]))
         sizes = size.variable.set_dims(values.sizes).transpose(*values.dims).values
-        changed[channel] = values.copy(data=values.values + rng.standard_normal(values.shape) * sizes)
-    return record.assign(changed)
+        changed[channel] = values.values + rng.standard_normal(values.shape) * sizes
+    return with_channels(record, changed)

@@ -8,6 +8,7 @@ import xarray as xr
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
+from calib.records import with_channels
 
 MIN_STROKE = 1e-300  # a body that stands still is not turned
 
@@ -22,10 +23,8 @@ def turned(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
         return record
     x, v = record["displacement"].values, record["velocity"].values
     length, speed = (np.maximum(np.abs(row).max(axis=1, keepdims=True), MIN_STROKE) for row in (x, v))
-    return record.assign(
-        displacement=record["displacement"].copy(data=x - p["tilt"] * v * length / speed),
-        velocity=record["velocity"].copy(data=v + p["tilt"] * x * speed / length),
-    )
+    turned_rows = {"displacement": x - p["tilt"] * v * length / speed, "velocity": v + p["tilt"] * x * speed / length}
+    return with_channels(record, turned_rows)
 
 
 EFFECT = Effect(

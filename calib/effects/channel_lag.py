@@ -8,7 +8,7 @@ import xarray as xr
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
-from calib.records import fills_periods
+from calib.records import fills_periods, with_channels
 
 
 @sensor
@@ -31,7 +31,7 @@ def delayed(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
         delayed_rows = [
             np.interp(time - p["lag"], ends, [b[0], *row, b[1]]) for row, b in zip(velocity, beyond, strict=True)
         ]
-    return record.assign(velocity=record["velocity"].copy(data=np.array(delayed_rows)))
+    return with_channels(record, {"velocity": np.array(delayed_rows)})
 
 
 EFFECT = Effect(

@@ -7,6 +7,7 @@ import xarray as xr
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
+from calib.records import with_channels
 
 
 @sensor
@@ -16,7 +17,7 @@ def offset(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
         size = p[f"offset_{channel}"]
         if channel in record and size != 0.0:
             values = record[channel].values
-            record = record.assign({channel: record[channel].copy(data=values + size)})
+            record = with_channels(record, {channel: values + size})
     return record
 
 

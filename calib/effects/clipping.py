@@ -9,6 +9,7 @@ import xarray as xr
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
+from calib.records import with_channels
 
 LEVEL_QUANTILES = (1.0, 0.995, 0.98, 0.95)  # of the magnitudes: noise reaches beyond the level
 
@@ -20,7 +21,7 @@ def clipped(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
         size = p[f"clip_{channel}"]
         if channel in record and size != math.inf:
             values = record[channel].values
-            record = record.assign({channel: record[channel].copy(data=np.clip(values, -size, size))})
+            record = with_channels(record, {channel: np.clip(values, -size, size)})
     return record
 
 

@@ -7,13 +7,14 @@ import xarray as xr
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
+from calib.records import with_channels
 
 
 @sensor
 def scaled(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with both channels times 1 + a."""
-    present = {name: record[name] for name in ("displacement", "velocity") if name in record}
-    return record.assign({name: row.copy(data=row.values * (1.0 + p["plot_scale"])) for name, row in present.items()})
+    present = [channel for channel in ("displacement", "velocity") if channel in record]
+    return with_channels(record, {channel: record[channel].values * (1.0 + p["plot_scale"]) for channel in present})
 
 
 EFFECT = Effect(

@@ -7,6 +7,7 @@ import xarray as xr
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
+from calib.records import with_channels
 
 
 @sensor
@@ -14,8 +15,8 @@ def sheared(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the record with its displacement moved in proportion to its velocity: x + k v."""
     if "velocity" not in record or "displacement" not in record:
         return record
-    x, v = record["displacement"], record["velocity"].values
-    return record.assign(displacement=x.copy(data=x.values + p["shear"] * v))
+    x, v = record["displacement"].values, record["velocity"].values
+    return with_channels(record, {"displacement": x + p["shear"] * v})
 
 
 EFFECT = Effect(

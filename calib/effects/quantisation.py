@@ -8,6 +8,7 @@ import xarray as xr
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
+from calib.records import with_channels
 
 
 @sensor
@@ -17,7 +18,7 @@ def stepped(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
         size = p[f"quantum_{channel}"]
         if channel in record and size != 0.0:
             values = record[channel].values
-            record = record.assign({channel: record[channel].copy(data=np.round(values / size) * size)})
+            record = with_channels(record, {channel: np.round(values / size) * size})
     return record
 
 

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
-from calib.records import INTERVAL, fills_periods, mean_interval
+from calib.records import INTERVAL, fills_periods, mean_interval, with_channels
 
 
 @sensor
@@ -32,7 +32,7 @@ def differenced(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
         slope = np.empty_like(v)
         slope[:, 1:] = np.diff(x, axis=1) / np.diff(time)
         slope[:, 0] = 2.0 * slope[:, 1] - slope[:, 2]
-    return record.assign(velocity=record["velocity"].copy(data=v + p["differencing"] * (slope - v)))
+    return with_channels(record, {"velocity": v + p["differencing"] * (slope - v)})
 
 
 EFFECT = Effect(

@@ -10,7 +10,7 @@ from numba import njit
 from calib.modelling.effect import Effect
 from calib.modelling.laws import sensor
 from calib.modelling.parameter import Parameter
-from calib.records import fills_periods
+from calib.records import fills_periods, with_channels
 
 
 @sensor
@@ -27,7 +27,7 @@ def smoothed(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
         filtered = np.array([_follow_for_ever(time, row, p["lowpass"]) for row in velocity])
     else:
         filtered = np.array([_follow(time, row, p["lowpass"]) for row in velocity])
-    return record.assign(velocity=record["velocity"].copy(data=filtered))
+    return with_channels(record, {"velocity": filtered})
 
 
 @njit("f8[::1](f8[::1], f8[::1], f8)", cache=True)

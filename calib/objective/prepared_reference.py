@@ -23,7 +23,7 @@ from calib.objective.initial_state import (
 )
 from calib.objective.scalar_features import FeatureValue, Scalar, compared, scalars
 from calib.objective.terms import Reference, Term
-from calib.records import OK, is_response, prescribed
+from calib.records import OK, is_response, prescribed, with_channels
 from calib.records import channels as channels_of
 from calib.records.cycles import NO_CONTACT, UNDECIDED, MotionKind, clock_rate, kind_of_motion, sampled
 
@@ -196,7 +196,7 @@ def _same(frequency: float | None, other: float | None) -> bool:
 def _prepared(record: xr.Dataset, period: float | None) -> xr.Dataset:
     """Return the reference with the period of its excitation, its velocity averaged where it lists its impacts."""
     if "impact_time" in record and "velocity" in record:
-        record = record.assign(velocity=record["velocity"].copy(data=sampled(record, "velocity")))
+        record = with_channels(record, {"velocity": sampled(record, "velocity")})
         record = record.drop_vars([v for v in ("impact_time", "impact_speed") if v in record])
     return _with_period(record, period)
 

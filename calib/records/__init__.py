@@ -19,6 +19,7 @@ from calib.records.record import (
     prescription,
     rename_bodies,
     stated_period,
+    with_channels,
 )
 from calib.records.response import is_response
 from calib.records.schema import check
@@ -44,5 +45,6 @@ __all__ = [
     "read",
     "rename_bodies",
     "stated_period",
+    "with_channels",
     "write",
 ]

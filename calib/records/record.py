@@ -67,6 +67,12 @@ def make(
     return record
 
 
+def with_channels(record: xr.Dataset, channels: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """Return a record with other values (body, n) of channels that it has; all else is shared with it."""
+    values = {name: record.variables[name].values for name in record.data_vars}
+    return record.copy(data={**values, **channels})
+
+
 def failed(bodies: Sequence[str], status: str, reason: str, **attrs: Any) -> xr.Dataset:
     """Build the record of a failed run: no samples, but a status and its reason.
 

@@ -30,6 +30,17 @@ def test_a_prescribed_channel_keeps_its_body_under_the_new_name():
     assert renamed.attrs["prescribed"] == "q3.velocity"
 
 
+def test_with_other_channels_all_else_of_a_record_stays_and_the_record_itself_too():
+    before = swing(section={"displacement": np.zeros((2, 3))}, impacts=(np.array([0.02]), np.array([0.4])))
+    other = record.with_channels(before, {"velocity": np.zeros((2, TIME.size))})
+    assert before.identical(
+        swing(section={"displacement": np.zeros((2, 3))}, impacts=(np.array([0.02]), np.array([0.4])))
+    )
+    assert other.identical(before.assign(velocity=before.velocity.copy(data=np.zeros((2, TIME.size)))))
+    with pytest.raises(ValueError, match="pressure"):
+        record.with_channels(before, {"pressure": np.zeros((2, TIME.size))})
+
+
 def test_a_failed_run_is_a_record_without_samples():
     r = record.failed(["beam"], "diverged", "the gap is negative")
     assert (r.attrs["status"], r.attrs["reason"], r.sizes["time"]) == ("diverged", "the gap is negative", 0)
