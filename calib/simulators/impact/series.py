@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.impact.convolution import convolutions, square_term
 from calib.simulators.impact.crossing import carry_about_crossing, expand_about_crossing, motion_about_crossing
 from calib.simulators.impact.problem import (
     CLOSING,
@@ -40,8 +41,9 @@ DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS, KNOWN, MODES = r
 # entries of the row `KNOWN`: order of the series; whether the force has its part of d^n; what ends the step; length of
 # step over which the series under the force held last [s]; time next to d = 0 over which d^n makes next to nothing of
 # the velocity [s], both 0 before the first
-# and whether the motion is that of `crossing`
-LAST, STIFF, END, HELD, SMALL, CROSSING = range(6)
+# and whether the motion is that of `crossing`; sums of the sizes of the terms beyond the first, of the penetration [m]
+# and of its rate times the step [m]
+LAST, STIFF, END, HELD, SMALL, CROSSING, SPREAD, SPREAD_OF_RATE = range(8)
 
 
 @njit(**INLINED)
@@ -61,22 +63,6 @@ def time_of_small_force(law: Compliance, speed: float, acceleration: float) -> f
     if acceleration > 0.0:
         time = min(time, (share / acceleration ** (n - 1.0)) ** (0.5 / n))
     return time
-
-
-@njit(**INLINED)
-def _sums(power: np.ndarray, weighted: np.ndarray, depth: np.ndarray, k: int) -> tuple[float, float]:
-    """Return the sums of power[j] depth[k + 1 - j] and of weighted[j] depth[k + 1 - j] over j = 0..k, in two chains."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    for j in range(0, k, 2):
-        left, right = depth[k + 1 - j], depth[k - j]
-        a += power[j] * left
-        b += power[j + 1] * right
-        c += weighted[j] * left
-        d += weighted[j + 1] * right
-    if k % 2 == 0:
-        a += power[k] * depth[1]
-        c += weighted[k] * depth[1]
-    return a + b, c + d
 
 
 @njit(**WITHIN)
@@ -116,7 +102,7 @@ def expand(
     stiffness = law.stiffness if contact[KNOWN, STIFF] != 0 else 0.0  # of d^n, where that has its part
     loss = loss_at(law, state.clock[CLOSING])
     exponent, damping = law.exponent, law.damping
-    linear = exponent == 1.0 and loss == 0.0
+    flat = exponent == 1.0
     per_step, square, turn = 1.0 / step, step * step, omega * step
     c, s = math.cos(omega * time), math.sin(omega * time)
     wc, ws = regimes.witness[FREE, 0], regimes.witness[FREE, 1]
@@ -133,24 +119,26 @@ def expand(
     depth[0], depth[1] = -clearance, -opening
     if state.counters[TOUCH] == HIT and depth[0] < 0.0:
         depth[0] = 0.0  # but for rounding
-    deepest = abs(depth[1])
+    deepest = spread = abs(depth[1])
+    spread_of_rate = 0.0
     per_depth = 1.0 / depth[0] if depth[0] > 0.0 else 0.0
     small, order, tail, before = 0, ORDER, 0.0, 0.0
     plain, weighted = 0.0, 0.0  # sums over j of p_j d_(k - j) and j p_j d_(k - j), p = d^n, up to p_(k - 1)
     for k in range(ORDER - 1):
         rate[k] = (k + 1) * per_step * depth[k + 1]
         value = damping * rate[k]
-        if linear:
+        if flat:
+            power[k] = depth[k]
             value += stiffness * depth[k]
+            if loss > 0.0:  # d d' = (d^2)' / 2
+                value += 0.5 * stiffness * loss * per_step * (k + 1) * square_term(depth, k)
         elif stiffness > 0.0:
-            if exponent == 1.0:
-                power[k] = depth[k]
-            elif k == 0:
+            if k == 0:
                 power[0] = depth[0] ** exponent
             else:  # d p' = n p d'
                 power[k] = (exponent * plain - (exponent + 1.0) * _RECIPROCAL[k] * weighted) * per_depth
             own[k] = k * power[k]
-            plain, weighted = _sums(power, own, depth, k)
+            plain, weighted = convolutions(power, own, depth, k)
             value += stiffness * (power[k] + loss * per_step * ((k + 1) * plain - weighted))
         force[k] = value
         value *= pressed
@@ -168,7 +156,9 @@ def expand(
             term = max(term, abs(x))
         clearance += square * value * _INVERSE[k]  # a unit of the acceleration is one of the clearance's
         depth[k + 2] = -clearance
+        spread += abs(clearance)
         term, deep = term * (k + 2), abs(clearance) * (k + 2)
+        spread_of_rate += deep
         largest, deepest = max(largest, term), max(deepest, deep)
         if term <= TRUNCATION * largest and deep <= TRUNCATION * deepest and k + 2 >= MIN_ORDER:
             small += 1
@@ -186,7 +176,7 @@ def expand(
         rate[k], force[k], power[k] = 0.0, 0.0, 0.0
     for k in range(order + 1, ORDER + 1):
         depth[k] = 0.0
-    contact[KNOWN, LAST] = order
+    contact[KNOWN, LAST], contact[KNOWN, SPREAD], contact[KNOWN, SPREAD_OF_RATE] = order, spread, spread_of_rate
     if not math.isfinite(largest + deepest + depth[order]):
         return math.nan
     return 0.0 if small == 2 else max(tail, before)
@@ -214,7 +204,9 @@ def expand_contact(problem: Problem, state: ImpactState, time: float, step: floa
 
 @njit(**WITHIN)
 def rescale(contact: np.ndarray, ratio: float) -> None:
-    """Let the series hold for a step that is `ratio` times as long."""
+    """Let the series hold for a step that is `ratio` times as long, and shorter."""
+    contact[KNOWN, SPREAD] *= ratio
+    contact[KNOWN, SPREAD_OF_RATE] *= ratio * ratio
     factor = 1.0
     for k in range(int(contact[KNOWN, LAST]) + 1):
         for row in (DEPTH, RATE, FORCE, POWER):

@@ -43,6 +43,8 @@ from calib.simulators.impact.series import (
     LAST,
     RATE,
     SMALL,
+    SPREAD,
+    SPREAD_OF_RATE,
     STIFF,
     WITNESS,
     end_of_parting,
@@ -124,27 +126,28 @@ def _first_event(
     pressed = state.counters[REGIME] == COMPRESSION
     order, own = int(contact[KNOWN, LAST]), contact[WITNESS]
     resolution = max(min(resolution / step, MAX_RESOLUTION), MIN_RESOLUTION)
-    by_separation, by_force, jumps = math.inf, math.inf, 0
+    by_separation, by_force, jumps, more = math.inf, math.inf, 0, 0
     if not pressed or law.damping == 0.0:
         begin = 1 if touch == HIT and contact[DEPTH, 0] == 0.0 else 0
-        by_separation, jumps = first_root(contact[DEPTH], begin, order, resolution)
-        state.counters[STEPS] += jumps
+        if begin == 1 or contact[DEPTH, 0] <= contact[KNOWN, SPREAD]:
+            by_separation, jumps = first_root(contact[DEPTH], begin, order, resolution)
     loss = loss_at(law, state.clock[CLOSING])
     if law.damping > 0.0 and not pressed and law.exponent != 1.0:
         begins = lift / step if touch == RELEASED else 0.0
-        by_force, jumps = end_of_parting(law, begins, min(1.0, by_separation), resolution, step, contact)
+        by_force, more = end_of_parting(law, begins, min(1.0, by_separation), resolution, step, contact)
     elif law.damping > 0.0:
         sign = 1.0 if pressed else -1.0
         for k in range(order + 1):
             own[k] = sign * contact[FORCE, k]
         begin = 1 if touch == RELEASED or (touch == HIT and own[0] <= 0.0) else 0
-        by_force, jumps = first_root(own, begin, order, resolution)
+        by_force, more = first_root(own, begin, order, resolution)
     elif loss > 0.0:  # the sign of a force that is a power of d times this
-        sign = 1.0 if pressed else -1.0
-        for k in range(order + 1):
-            own[k] = sign * (loss * contact[RATE, k] + (1.0 if k == 0 else 0.0))
-        by_force, jumps = first_root(own, 1 if touch == RELEASED else 0, order, resolution)
-    state.counters[STEPS] += jumps
+        sign, begin = (1.0 if pressed else -1.0), (1 if touch == RELEASED else 0)
+        if begin == 1 or sign * (1.0 + loss * contact[RATE, 0]) <= loss * contact[KNOWN, SPREAD_OF_RATE] / step:
+            for k in range(order + 1):
+                own[k] = sign * (loss * contact[RATE, k] + (1.0 if k == 0 else 0.0))
+            by_force, more = first_root(own, begin, order, resolution)
+    state.counters[STEPS] += jumps + more
     contact[KNOWN, END] = SEPARATION if by_separation <= by_force else (NO_FORCE if pressed else FORCE_AGAIN)
     return min(by_separation, by_force)
 
