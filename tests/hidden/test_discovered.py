@@ -45,6 +45,13 @@ LAWS = {
         ("displacement",),
     ),
 }
+STRONG_MAGNET = {**LAWS["magnet"][0], "magnet": 3.0 * SIZE}
+SLIGHT = {"parametric": 30.0, "parametric_order": 3.0}  # 1/s^2, of the stiffness: too slight to be found
+FREE_CLOCKS = {  # seeds of laboratories whose clocks run at a rate of their own, with short records
+    "AR(1) of 0.8 %": 67,  # jitter that the stamps do not tell
+    "AR(2) of 2.7 %": 13,
+    "AR(1) of 1.1 %": 187,  # jitter that the stamps do not tell
+}
 FORMULAS = {  # text, and true values of its numbers
     "drag": ("c1 v |v|", {"c1": -SIZE / (OMEGA * LENGTH) ** 2}),
     "cubic": ("c1 x^3", {"c1": -SIZE / LENGTH**3}),
@@ -74,13 +81,17 @@ def test_the_force_is_found_with_its_formula_and_applied(kind, cache, tmp_path, 
         force, true = fitted.model.matrix(x, v) @ fitted.coefficients + spring, law(x, v)
         assert np.sqrt(np.mean((force - true) ** 2) / np.mean(true**2)) < 0.1
     if kind in FORMULAS:
-        text, numbers = FORMULAS[kind]
-        best = found.formulas[0]
-        assert (best.formula.text, best.ties, best.predicts) == (text, True, True)
-        errors = best.errors()
-        for number in best.formula.numbers:
-            assert abs(number.value - numbers[number.name]) < 4.0 * errors[number.name]
+        assert_formula(found, *FORMULAS[kind])
         assert_acts_as_found(load(apply_force(load(tmp_path), found)).study, found)
+
+
+def assert_formula(found, text, numbers):
+    """Whether the first formula is this one, with these values within its errors."""
+    best = found.formulas[0]
+    assert (best.formula.text, best.ties, best.predicts) == (text, True, True)
+    errors = best.errors()
+    for number in best.formula.numbers:
+        assert abs(number.value - numbers[number.name]) < 4.0 * errors[number.name]
 
 
 def assert_acts_as_found(study, found):
@@ -97,6 +108,34 @@ def assert_acts_as_found(study, found):
 def test_no_force_is_found_where_none_is_hidden(cache, tmp_path):
     hide("oscillator", None, None, 1, folder=tmp_path, cache=cache)
     assert discovered(tmp_path).verdict == NOTHING
+
+
+@pytest.mark.parametrize(("laboratory", "acting"), [("AR(2) of 2.7 %", {}), ("AR(1) of 1.1 %", SLIGHT)])
+def test_no_force_is_found_where_the_laboratory_is_all_that_differs(laboratory, acting, cache, tmp_path, monkeypatch):
+    monkeypatch.setattr(hidden.hider, "drawn_remainder", lambda at, share, seed: ("parametric", acting))
+    lab = FREE_CLOCKS[laboratory]
+    hide("oscillator", None, None, 1, folder=tmp_path, cache=cache, laboratory=lab, remainder=0.1 if acting else None)
+    assert discovered(tmp_path).verdict == NOTHING
+
+
+@pytest.mark.parametrize(
+    ("laboratory", "kind", "acting", "changed"),
+    [
+        ("AR(1) of 0.8 %", "drag", LAWS["drag"][0], {}),
+        ("AR(1) of 1.1 %", "magnet", STRONG_MAGNET | SLIGHT, {"c1": -3.0 * SIZE}),
+    ],
+)
+def test_a_force_is_found_with_its_formula_by_another_laboratory(
+    laboratory, kind, acting, changed, cache, tmp_path, monkeypatch
+):
+    """Whose clock and coloured noise are its own; of the magnet beside a slight modulation that is no function."""
+    monkeypatch.setattr(hidden.hider, "drawn_remainder", lambda at, share, seed: (kind, acting))
+    lab = FREE_CLOCKS[laboratory]
+    hide("oscillator", None, None, 0, folder=tmp_path, cache=cache, laboratory=lab, remainder=0.1)
+    found = discovered(tmp_path)
+    assert (found.verdict, found.chosen.body, found.chosen.arguments) == (FOUND, "mass", (LAWS[kind][2],))
+    text, numbers = FORMULAS[kind]
+    assert_formula(found, text, numbers | changed)
 
 
 def test_a_force_between_two_bodies_is_found_where_it_acts(cache, tmp_path, monkeypatch):
