@@ -2,8 +2,10 @@
 
 Where a formula predicts as well as the free function, roughness that the formula has costs the free function precision
 for nothing. In a partial spline (Wahba, Spline Models for Observational Data, 1990, chapter 9) penalised is only what a
-function adds to the formula, and the numbers of the formula are free beside it. The weights of the penalties are by
-REML, as those of the free function; the problem is linearised about the refitted formula.
+function adds to the formula, and the numbers of the formula are free beside it. Nothing is expected to be added, a
+linear function as little as a rough one: both are penalised. A linear function that calibrated parameters nearly
+express would else add its whole error to a formula that is known well. The weights of the penalties are by REML, as
+those of the free function; the problem is linearised about the refitted formula.
 """
 
 from collections.abc import Callable
@@ -16,7 +18,7 @@ from scipy.linalg import block_diag
 from calib.diagnosis.discovery.formula import Formula
 from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit
-from calib.diagnosis.discovery.smoothing import Smoothing
+from calib.diagnosis.discovery.smoothing import BesideFormula, Smoothing
 from calib.diagnosis.score import Projection
 
 DIFFERENCE_SHARE = 1e-5  # of a number, by which it is moved for the derivative of the formula  [1]
@@ -61,8 +63,9 @@ class PartialSpline:
             others(columns),
             others(fit.residual),
             fit.residual.size - others.rank,
-            [np.pad(rows, ((0, 0), (0, scales.size))) for rows in model.differences],
+            model.differences,
             block_diag(model.prior, slopes.T @ slopes / len(slopes)),
+            BesideFormula(model.visited, fitted.smoothing.absorbed),
         )
         dispersion = max(1.0, fit.chi2 / max(1.0, smoothing.freedom))
         return cls(trial.formula, model, fitted.smoothing.absorbed, smoothing, scales, dispersion)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, free_force
-from calib.diagnosis.discovery.smoothing import Smoothing
+from calib.diagnosis.discovery.smoothing import BesideFormula, Smoothing
 from calib.diagnosis.score import Projection
 
 FORCE = free_force("mass", [DISPLACEMENT], {DISPLACEMENT: (-1.0, 1.0)})
@@ -134,3 +135,66 @@ def test_the_weights_of_a_surface_are_those_of_the_largest_restricted_likelihood
         left = smoothing.square - smoothing.moment @ np.linalg.solve(precision, smoothing.moment)
         determinants = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(penalty + smoothing.prior)[1]
         assert smoothing.freedom * np.log(left) + determinants > least - 0.05  # the grid has four weights a decade
+
+
+LINE = np.linalg.lstsq(BASIS, X, rcond=None)[0][:, None]  # x, by the coefficients
+
+
+def beside_formula(values, calibrated, absorbed, seed=0):
+    """Data of values (n,) and noise; functions beside 10 x |x|, whose number is changed, and a calibrated column."""
+    columns = np.column_stack([BASIS, 10.0 * X * np.abs(X)])
+    data = values + np.random.default_rng(seed).standard_normal(X.size)
+    others, prior = Projection(calibrated), block_diag(PRIOR, 1e-4 * np.mean(columns[:, -1] ** 2))
+    known = BesideFormula(BASIS, absorbed)
+    smoothing = Smoothing.of(
+        columns, others(columns), others(data), X.size - others.rank, FORCE.roughness, prior, known
+    )
+    return others(columns), smoothing
+
+
+@pytest.mark.parametrize("apart", [1e-5, 1e-3])
+def test_a_number_of_the_formula_is_as_certain_beside_a_line_that_calibration_absorbs(apart):
+    """As by least squares, however exactly the derivative of the calibrated parameter is a line."""
+    for seed in range(5):
+        columns, smoothing = beside_formula(0.0 * X, (X + apart * np.sin(9.0 * X))[:, None], LINE, seed)
+        number = np.zeros((1, columns.shape[1]))
+        number[0, -1] = 1.0
+        error = smoothing.errors(number, smoothing.weight)[0]
+        assert error == pytest.approx(1.0 / np.linalg.norm(columns[:, -1]), rel=0.2)
+
+
+def test_beside_a_formula_a_line_that_calibration_nearly_absorbs_adds_no_error_of_its_own():
+    none, added, errors = np.zeros((BASIS.shape[1], 0)), [], []
+    for seed in range(20):
+        columns, smoothing = beside_formula(0.0 * X, (X + 0.05 * np.sin(9.0 * X))[:, None], none, seed)
+        coefficients = smoothing.coefficients(smoothing.weight)
+        added.append(rms(BASIS @ coefficients[:-1]))
+        errors.append(rms(smoothing.errors(np.pad(BASIS, ((0, 0), (0, 1))), smoothing.weight)))
+    alone = rms(X) / np.linalg.norm(columns[:, :-1] @ LINE)
+    assert np.median(added) < 0.2 * alone
+    assert np.median(errors) < 0.5 * alone
+
+
+def test_a_line_that_the_data_show_beside_a_formula_is_added():
+    _, smoothing = beside_formula(5.0 * X, np.zeros((X.size, 0)), np.zeros((BASIS.shape[1], 0)))
+    values = np.column_stack([BASIS, 10.0 * X * np.abs(X)]) @ smoothing.coefficients(smoothing.weight)
+    assert rms(values - 5.0 * X) < 0.2
+
+
+def test_of_two_functions_that_are_added_one_constant_less_the_other_is_not_absorbed():
+    """It is no function: of what calibration absorbs of one, no share may fall to the other."""
+    rng = np.random.default_rng(2)
+    v = rng.uniform(-1.0, 1.0, X.size)
+    basis = np.column_stack([BASIS, FORCE.matrix(v, v)])
+    columns = basis * (1.0 + 1e-9 * rng.standard_normal(basis.shape))  # as differences of simulations have them
+    zero, size = np.zeros_like(BENDING), BASIS.shape[1]
+    differences = [np.hstack([BENDING, zero]), np.hstack([zero, BENDING])]
+    for absorbed in (v, v + 1e-5 * np.sin(9.0 * X)):
+        others = Projection(absorbed[:, None])
+        prior = block_diag(PRIOR, PRIOR)
+        smoothing = Smoothing.of(columns, others(columns), others(3.0 * X + v), X.size - 1.0, differences, prior)
+        assert smoothing.absorbed.shape[1] == 1
+        own = basis[:, :size] @ smoothing.absorbed[:size, 0]
+        other = basis[:, size:] @ smoothing.absorbed[size:, 0]
+        assert rms(own) < 1e-4 * rms(other)
+        assert abs(np.corrcoef(other, v)[0, 1]) > 0.99999
