@@ -1,8 +1,9 @@
 """Stepped sines of an oscillator with a hidden force, and the study that seeks it.
 
 The instrument holds each frequency until the motion repeats, measures the complex amplitude with noise of 2 % of the
-rms amplitude of a level, and goes on from there, so that a fold is passed as in a laboratory. Integrated by Runge and
-Kutta's classical method with fixed steps, which shares nothing with what is calibrated.
+rms amplitude of a level or with what a `SteppedLaboratory` adds, and goes on from there, so that a fold is passed as in
+a laboratory. Integrated by Runge and Kutta's classical method with fixed steps, which shares nothing with what is
+calibrated.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from hidden.stepped_laboratory import WHITE, SteppedLaboratory
 from numba import njit
 
 from calib.records.response import make_response
@@ -17,7 +19,6 @@ from calib.records.response import make_response
 MASS, STIFFNESS, DAMPING = 1.0, 400.0, 0.9  # kg, N/m, N s/m
 FREQUENCIES = np.linspace(2.7, 4.0, 24)  # Hz
 CALIBRATED, HELD_OUT = (0.12, 0.25, 0.6), (0.4,)  # N
-NOISE = 0.02  # of the rms amplitude of a level, in each part
 STEPS_PER_PERIOD, MAX_PERIODS, MEASURED_PERIODS = 600, 800, 4
 CLOSED = 1e-6  # change of displacement and velocity over a period, over the largest that was reached
 
@@ -76,15 +77,17 @@ CAUSES: Mapping[str, Cause] = {
 
 
 @njit
-def _stepped(
-    force: Force, size: float, form: float, values: np.ndarray, level: float, frequencies: np.ndarray
-) -> np.ndarray:
-    """Complex amplitudes (n,) of displacement by a force level cos(2 pi f t) per frequency, in their order  [m]."""
-    mass, stiffness, damping = values
+def _stepped(force: Force, size: float, form: float, values: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Complex amplitudes (n,) of displacement by a force level cos(2 pi f t) per frequency, in their order  [m].
+
+    points : (n, 3) frequency, level, and factor on the stiffness
+    """
+    mass, damping, frequencies = values[0], values[2], points[:, 0]
     y, found = np.zeros(3), np.zeros(frequencies.size, dtype=np.complex128)
     for k in range(frequencies.size):
         omega = 2.0 * np.pi * frequencies[k]
         h = 2.0 * np.pi / omega / STEPS_PER_PERIOD
+        level, stiffness = points[k, 1], points[k, 2] * values[1]
         left, largest = MAX_PERIODS, np.zeros(2)
         while left > 0:
             before, total = y.copy(), 0.0j
@@ -127,19 +130,23 @@ def drawn(cause: str | None, seed: int) -> Truth:
     return Truth(cause, float(np.exp(rng.uniform(*low))), float(np.exp(rng.uniform(*high))), values)
 
 
-def record(truth: Truth, levels: Sequence[float], seed: int):
-    """Response record of sweeps up at these levels."""
+def record(truth: Truth, levels: Sequence[float], seed: int, laboratory: SteppedLaboratory = WHITE):
+    """Response record of sweeps at these levels."""
     rng = np.random.default_rng([seed, len(levels), 23])
     force = CAUSES[truth.cause or "cubic_stiffness"].force
-    rows = []
-    for level in levels:
-        own = _stepped(force, truth.size, truth.form, truth.values, level, FREQUENCIES)
-        sigma = NOISE * np.sqrt(np.mean(np.abs(own) ** 2))
-        rows.append(own + sigma * (rng.standard_normal((FREQUENCIES.size, 2)) @ [1.0, 1j]))
-    sweep = np.repeat(np.arange(len(levels)), FREQUENCIES.size)
+    ways = [(level, way) for level in levels for way in laboratory.directions]
+    frequency = np.concatenate([FREQUENCIES[:: int(way)] for _, way in ways])
+    level, direction = np.repeat(ways, FREQUENCIES.size, axis=0).T
+    sweep = np.repeat(np.arange(float(len(ways))), FREQUENCIES.size)
+    acting = laboratory.levels(level, rng)
+    points = np.column_stack([frequency, acting, laboratory.stiffness(level.size, rng)])
+    own = [_stepped(force, truth.size, truth.form, truth.values, points[sweep == one]) for one in range(len(ways))]
+    rms = np.repeat([np.sqrt(np.mean(np.abs(one) ** 2)) for one in own], FREQUENCIES.size)
+    amplitude, kept = laboratory.kept(laboratory.measured(np.concatenate(own), rms, rng), sweep, rng)
+    told = acting if laboratory.trouble == "told level" else level
     return make_response(
-        np.tile(FREQUENCIES, len(levels)), ["mass"], np.concatenate(rows)[None], np.repeat(levels, FREQUENCIES.size),
-        "N", sweep, place="mass", quantity="force",
+        frequency[kept], ["mass"], amplitude[None], told[kept], "N", sweep[kept], direction[kept],
+        place="mass", quantity="force",
     )  # fmt: skip
 
 
@@ -176,8 +183,8 @@ name = "multistart"
 """
 
 
-def written(truth: Truth, seed: int, folder: Path) -> None:
+def written(truth: Truth, seed: int, folder: Path, laboratory: SteppedLaboratory = WHITE) -> None:
     """Write the records and the study of what is hidden."""
     for name, levels in (("levels", CALIBRATED), ("between", HELD_OUT)):
-        record(truth, levels, seed).to_netcdf(folder / f"{name}.nc")
+        record(truth, levels, seed, laboratory).to_netcdf(folder / f"{name}.nc")
     (folder / "study.toml").write_text(STUDY.format(seed=seed))
