@@ -8,6 +8,7 @@ import numpy as np
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.noise import STATED, Remainder, from_residual
+from calib.diagnosis.noise_profile import noise_profiles
 from calib.diagnosis.part import Part
 from calib.objective import Objective, compared_rows, row_weights
 
@@ -139,10 +140,12 @@ class Evidence:
         parts = []
         for part in self.parts:
             remainder, noises = left[part.name], list(part.noise)
+            profiles = noise_profiles(part.rows, part.measured, part.weight, remainder) if part.is_swept else None
             for index, known in enumerate(part.noise):
                 if not known.repeated:
                     samples = part.weight[index], part.measured[index], known.sigma if known.source == STATED else None
-                    estimate = from_residual(remainder.rows[index], *samples, remainder.absorbed[index])
+                    profile = 1.0 if profiles is None or known.source == STATED else profiles[index]
+                    estimate = from_residual(remainder.rows[index], *samples, remainder.absorbed[index], profile)
                     noises[index] = estimate.within(remainder.whole[index], part.weight[index])
             parts.append(replace(part, noise=tuple(noises)))
         return Evidence(tuple(parts))

@@ -117,8 +117,10 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Re
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:
-    """Whether the noise of the same records differs: its level, its autocorrelation, or the uncertainty of clocks."""
+    """Whether the noise of the same records differs: level, profile, autocorrelation, or the uncertainty of clocks."""
     pairs = [pair for p, q in zip(one.parts, other.parts, strict=True) for pair in zip(p.noise, q.noise, strict=True)]
     levels = [abs(p.sigma / q.sigma - 1.0) for p, q in pairs]
     correlations = [np.abs(p.autocorrelation(MAX_ORDER) - q.autocorrelation(MAX_ORDER)).max() for p, q in pairs]
-    return clocks_differ(one, other) or bool(max((*levels, *correlations), default=0.0) > CRITERIA.max_noise_change)
+    profiles = [np.abs(p.profile - q.profile).max() for p, q in pairs]
+    largest = max((*levels, *correlations, *profiles), default=0.0)
+    return clocks_differ(one, other) or bool(largest > CRITERIA.max_noise_change)

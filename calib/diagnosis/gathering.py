@@ -19,6 +19,7 @@ from calib.diagnosis.noise import (
     shared,
     with_autoregression,
 )
+from calib.diagnosis.noise_profile import noise_profiles
 from calib.diagnosis.part import Part
 from calib.objective import Reference, row_weights
 from calib.objective.outliers import smoothed
@@ -51,7 +52,7 @@ class _ComparedRows:
     def remainder(self) -> Remainder:
         """What the simulation leaves, nothing having been fitted to it."""
         residual = self.mended - self.simulated
-        return Remainder(residual, residual, np.zeros((len(residual), 1, 1)))
+        return Remainder(residual, residual, np.zeros((len(residual), 1, 1)), np.zeros(residual.shape))
 
 
 def cycle_of(reference: Reference) -> int:
@@ -150,7 +151,10 @@ def _noise_of_row(
     if ar is not None:
         noise = with_autoregression(ar, remainder.scaled(index, weight, ar), *samples)
     elif fitted:
-        noise = from_residual(remainder.rows[index], *samples, remainder.absorbed[index])
+        profile: np.ndarray | float = 1.0
+        if reference.is_swept and samples[2] is None:
+            profile = noise_profiles(compared.rows, compared.measured, compared.weight, remainder)[index]
+        noise = from_residual(remainder.rows[index], *samples, remainder.absorbed[index], profile)
     else:
         noise = replace(with_autoregression(np.zeros(0), remainder.rows[index], *samples), repeated=False)
     return noise.within(remainder.whole[index], weight)

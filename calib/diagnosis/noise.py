@@ -47,12 +47,14 @@ class Noise:
     ar : (order,) coefficients of its autoregression  [1]
     source : from which the level is estimated
     repeated : whether the autoregression is estimated from cycle to cycle, not from what a fit leaves
+    profile : (n,) standard deviation of each sample over `sigma`, whose mean square is 1; 1.0 of all  [1]
     """
 
     sigma: float
     ar: np.ndarray
     source: str
     repeated: bool = False
+    profile: np.ndarray | float = 1.0
 
     @property
     def innovation(self) -> float:
@@ -115,6 +117,7 @@ class Noise:
 
         Rows of such noise become white, of variance weight^2.
         """
+        rows = rows / self.profile
         if not self.ar.size:
             return rows * weight / self.sigma
         below = dia_array((self._bands(weight), -np.arange(self.ar.size + 1)), shape=(weight.size, weight.size))
@@ -125,9 +128,9 @@ class Noise:
         counts = weight > 0.0
         unweighted = np.divide(white, weight, out=np.zeros(white.shape), where=counts)
         if not self.ar.size:
-            return unweighted * self.sigma
+            return unweighted * self.sigma * self.profile
         bands, flat = self._bands(weight), unweighted.reshape(-1, weight.size).T
-        return solve_banded((self.ar.size, 0), bands, flat).T.reshape(white.shape) * counts
+        return solve_banded((self.ar.size, 0), bands, flat).T.reshape(white.shape) * counts * self.profile
 
     def within(self, residual: np.ndarray, weight: np.ndarray) -> "Noise":
         """Return the noise, no larger than a residual (n,) of this weight (n,) unless its level is known otherwise."""
@@ -141,7 +144,7 @@ class Noise:
         """Draw noise (size,)."""
         lead = 20 * (self.ar.size + 1)
         innovations = self.sigma * self.innovation * rng.standard_normal(size + lead)
-        return lfilter([1.0], np.concatenate([[1.0], -self.ar]), innovations)[lead:]
+        return lfilter([1.0], np.concatenate([[1.0], -self.ar]), innovations)[lead:] * self.profile
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +165,13 @@ class Remainder:
     whole : (row, n) what is left before the candidates are fitted, which bounds the noise
     absorbed : (row, lag, lag) by how much the fit lowers the expected sum of the products of residuals l samples apart,
         per unit of the noise's autocovariance at lag j  [1]; at l = j = 0 its degrees of freedom
+    leverage : (row, n) part of the variance of each sample that the fit takes  [1]
     """
 
     rows: np.ndarray
     whole: np.ndarray
     absorbed: np.ndarray
+    leverage: np.ndarray
 
     def scaled(self, row: int, weight: np.ndarray, ar: np.ndarray) -> np.ndarray:
         """Return a row (n,) scaled to the mean square of noise of this autoregression, of this weight (n,)."""
@@ -276,14 +281,16 @@ def from_residual(
     measured: np.ndarray,
     stated: float | None,
     absorbed: np.ndarray = NOTHING_ABSORBED,
+    profile: np.ndarray | float = 1.0,
 ) -> Noise:
     """Noise of one channel from what no fit explains of it: residual, weight and measured (n,).
 
     absorbed : (lag, lag) as `Remainder` has it
+    profile : as `Noise` has it
     """
     counted = float((weight**2).sum())
     free = max(counted - absorbed[0, 0], 1.0)
-    noise = _noise(residual, weight, measured, RESIDUAL, absorbed)
+    noise = replace(_noise(residual / profile, weight, measured, RESIDUAL, absorbed), profile=profile)
     noise = _of_unit_innovations(noise, residual, weight, free, _least(measured))
     if stated is None:
         return noise

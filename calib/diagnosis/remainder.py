@@ -28,5 +28,6 @@ def remainder(evidence: Evidence, fit: Fit, derivatives: Sequence[np.ndarray]) -
         rows = part.restored(residual[own, None])[:, :, 0]
         bases = everything.basis[own].reshape(*rows.shape, -1)
         whole = part.restored(fit.residual[own, None])[:, :, 0]
-        left[part.name] = Remainder(rows, whole, np.array([absorbed_by(basis) for basis in bases]))
+        absorbed = np.array([absorbed_by(basis) for basis in bases])
+        left[part.name] = Remainder(rows, whole, absorbed, (bases**2).sum(axis=2))
     return left

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from hidden.stepped import CAUSES, MASS, drawn, record, written
+from hidden.stepped_laboratory import WHITE, SteppedLaboratory
 
 from calib.cli import main as calib
 from calib.diagnosis.artifacts import read_motions
@@ -13,10 +14,10 @@ from calib.diagnosis.artifacts import read_motions
 CANDIDATES = '\n[diagnosis]\ncandidates = ["quadratic_drag", "coulomb_friction", "cubic_stiffness", "softening"]\n'
 
 
-def diagnosed(cause, seed, folder):
+def diagnosed(cause, seed, folder, laboratory=WHITE):
     """What a diagnosis says of a hidden cause, and what was hidden."""
     truth = drawn(cause, seed)
-    written(truth, seed, folder)
+    written(truth, seed, folder, laboratory)
     study = folder / "study.toml"
     study.write_text(study.read_text() + CANDIDATES)
     for command in ("run", "diagnose"):
@@ -66,3 +67,9 @@ def test_a_hidden_force_is_in_the_reported_class(tmp_path, cause):
     _, said = diagnosed(cause, 1, tmp_path)
     assert said["verdict"] in ("named", "one_of")
     assert any(name in CAUSES[cause].accepted for names in said["class"] for name in names)
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_the_level_wanders_untold(tmp_path):
+    _, said = diagnosed(None, 53, tmp_path, SteppedLaboratory.drawn("level", 53))
+    assert said["verdict"] == "none"
