@@ -105,7 +105,18 @@ def _without_causes(selection: Selection, ready: Prepared) -> tuple[str, str]:
             f"noise: it is taken as what no candidate explains of the residual, but {joined(untestable)} could not be "
             "tested, for the simulations do not change smoothly with them; state the uncertainty of the records"
         )
-    return NONE, "the residual is noise; no missing effect is detectable"
+    return NONE, f"the residual is noise; no missing effect is detectable{_reservation(ready)}"
+
+
+def _reservation(ready: Prepared) -> str:
+    """What cannot be told where the noise has a memory that only the residual shows, as the end of a sentence."""
+    noises = [noise for part in ready.fitter.evidence.parts for noise in part.compared_noise]
+    if not any(noise.source == RESIDUAL and noise.ar.size and not noise.repeated for noise in noises):
+        return ""
+    return (
+        "; but the noise is taken from the residual, which is correlated, and may as well be an effect that no "
+        "candidate resembles: state the uncertainty of the records, or repeat them"
+    )
 
 
 def _untestable(selection: Selection, ready: Prepared) -> list[str]:

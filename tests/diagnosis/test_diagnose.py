@@ -17,6 +17,7 @@ from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.gain import BLOCKS, Gain
 from calib.diagnosis.gain import RECORDS as RECORDS_HELD_OUT
 from calib.diagnosis.model_selection import select
+from calib.diagnosis.noise import Noise
 from calib.diagnosis.preparation import bench_of, prepared
 from calib.diagnosis.revision import exchanged
 from calib.diagnosis.serialise import diagnosis_result
@@ -655,12 +656,15 @@ def test_the_error_of_a_calibrated_value_counts_the_bias_by_what_the_extended_mo
         assert shift.after_error >= least * final.error(["stiffness"])[0]
 
 
-@pytest.mark.parametrize(("source", "smooth", "verdict"), [
-    ("the residual", 1, "not_diagnosable"),  # the misfit itself would be taken for noise
-    ("the residual", 2, "none"),
-    ("stated in the record", 1, "none"),
+@pytest.mark.parametrize(("source", "smooth", "ar", "repeated", "verdict", "doubted"), [
+    ("the residual", 1, [], False, "not_diagnosable", False),  # the misfit itself would be taken for noise
+    ("the residual", 2, [], False, "none", False),
+    ("stated in the record", 1, [], False, "none", False),
+    ("the residual", 2, [0.8], False, "none", True),  # the memory may be that of a model error
+    ("the residual", 2, [0.8], True, "none", False),  # cycles show it
+    ("stated in the record", 2, [0.8], False, "none", False),
 ])  # fmt: skip
-def test_noise_is_not_what_candidates_leave_that_could_not_be_tested(source, smooth, verdict):
+def test_noise_is_not_what_candidates_leave_that_could_not_be_tested(source, smooth, ar, repeated, verdict, doubted):
     def suspect(name, reason):
         candidate = SimpleNamespace(name=name)
         return Scored(candidate, None, np.zeros((0, 0)), None, np.zeros(0), reason)
@@ -668,8 +672,9 @@ def test_noise_is_not_what_candidates_leave_that_could_not_be_tested(source, smo
     names = ["quadratic_drag", "presliding", "softening"]
     suspects = [suspect(name, "" if k < smooth else "two step sizes differ") for k, name in enumerate(names)]
     selection = SimpleNamespace(causes=(), is_significant=False, rounds=[SimpleNamespace(suspects=suspects)])
-    part = SimpleNamespace(compared_noise=(SimpleNamespace(source=source),))
+    part = SimpleNamespace(compared_noise=(Noise(1.0, np.array(ar), source, repeated),))
     ready = SimpleNamespace(outliers=0.0, rounding=0.0, fitter=SimpleNamespace(evidence=SimpleNamespace(parts=[part])))
     told, summary = verdict_of(selection, [], ready)
     assert told == verdict
     assert ("presliding and softening could not be tested" in summary) == (verdict == "not_diagnosable")
+    assert ("an effect that no candidate resembles" in summary) == doubted
