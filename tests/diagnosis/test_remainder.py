@@ -37,7 +37,7 @@ def drawn(seed, ar=(), sigma=(2.0, 30.0)):
 
 
 def as_left(rows):
-    return {"record": Remainder(rows, rows, np.zeros((2, 1, 1)))}
+    return {"record": Remainder(rows, rows, np.zeros((2, 1, 1)), np.zeros(rows.shape))}
 
 
 WHITE = (Noise(2.0, np.zeros(0), STATED), Noise(30.0, np.zeros(0), STATED))

@@ -12,10 +12,12 @@ from calib.execution.interrupt import ended_like_ctrl_c, uninterrupted
 
 @pytest.fixture(autouse=True)
 def heeding():
-    """A process in the background of a script begins deaf to Ctrl-C."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """A process in the background of a script begins deaf to Ctrl-C, and under nohup to a hang-up."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def wait():
