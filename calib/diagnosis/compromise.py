@@ -92,7 +92,7 @@ def any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: F
     """Whether some cause of a model would be rejected as the last one to enter it."""
 
     def rejected(cause: Refitted, own: Fitter) -> bool:
-        others = tuple(other for other in causes if other is not cause)
+        others = tuple(other.candidate for other in causes if other is not cause)
         base = without_cause(own, null, final, cause, others)
         if not base.names:  # it cannot be simulated without it
             return False

@@ -171,5 +171,5 @@ def _less(fitter: Fitter, now: Elimination, cause: Cause, model: Fit, share: flo
 
 def _without(fitter: Fitter, null: Fit, now: Elimination, left_out: Cause) -> Fit:
     """Fit the model with all causes but one."""
-    others = tuple(cause for cause, _ in now.causes if cause is not left_out[0])
+    others = tuple(cause.candidate for cause, _ in now.causes if cause is not left_out[0])
     return without_cause(fitter, null, now.final, left_out[0], others)

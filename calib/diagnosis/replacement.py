@@ -46,7 +46,7 @@ def replaced(
             break
         index = [c is cause for c, _ in pairs].index(True)
         unchanged: Cause = cause, rivals if cause is latest else (cause,)
-        others = tuple(c for c, _ in pairs if c is not cause)
+        others = tuple(c.candidate for c, _ in pairs if c is not cause)
         without = without_cause(fitter, null, final, cause, others)
         if not without.names:  # it cannot be simulated without it
             pairs[index] = unchanged
@@ -65,39 +65,28 @@ def replaced(
     return pairs, final
 
 
-def without_cause(fitter: Fitter, null: Fit, final: Fit, cause: Refitted, others: Sequence[Refitted]) -> Fit:
-    """Fit the other causes alone, from the calibrated values beside all, or else from those beside none.
-
-    Where one of them was fitted in a model of these causes alone that leaves less, from there: a cause that explains
-    much moves the calibrated values far.
-    """
+def without_cause(fitter: Fitter, null: Fit, final: Fit, cause: Refitted, others: Sequence[Candidate]) -> Fit:
+    """Fit the other causes alone, from the calibrated values beside all, or else from those beside none."""
     if not others:
         return null
-    own, candidates = cause.candidate.absent(), tuple(other.candidate for other in others)
+    own = cause.candidate.absent()
     rest = {name: value for name, value in final.point.values.items() if name not in own}
-    sizes = {name: final.value(name) for candidate in candidates for name in candidate.values(candidate.null)}
-    fit = fitter.fit(replace(final.point, values=rest), candidates, sizes)
-    fit = fit if fit.names else fitter.fit(null.point, candidates, sizes)
-    alone = [other.fit for other in others if other.fit.names and set(other.fit.candidates) == set(candidates)]
-    known = {known.chi2_over(fitter.evidence): known for known in alone}
-    least = min(known, default=np.inf)
-    if fit.names and not least < fit.chi2 - CRITERIA.min_change_chi2:
-        return fit
-    again = fitter.fit(known[least].point, known[least].candidates) if known else fit
-    return again if again.names and not (fit.names and fit.chi2 < again.chi2) else fit
+    sizes = {name: final.value(name) for candidate in others for name in candidate.values(candidate.null)}
+    fit = fitter.fit(replace(final.point, values=rest), others, sizes)
+    return fit if fit.names else fitter.fit(null.point, others, sizes)
 
 
 def _search_beside(
     fitter: Fitter,
     without: Fit,
-    others: Sequence[Refitted],
+    others: Sequence[Candidate],
     candidates: Sequence[Candidate],
     seed: int,
     known: KnownDerivatives,
     attained: float,
 ) -> Round:
     """Search for a cause beside the others, of which the model `without` is made."""
-    taken = {other.name for other in others}
+    taken = {candidate.name for candidate in others}
     rest = [c for c in candidates if c.name not in taken]
     excess_std = excess_chi2(fitter.evidence, without) / chi2_std(fitter.evidence)
     return search(fitter, without, rest, seed, excess_std, known, attained)

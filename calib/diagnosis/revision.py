@@ -63,7 +63,8 @@ def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str)
     state = state_of(selection)
     others = [pair for pair in state.causes if pair[0] is not cause]
     names = tuple(other.name for other, _ in others)
-    fit = without_cause(fitter, selection.null, selection.final, cause, [other for other, _ in others])
+    candidates = tuple(other.candidate for other, _ in others)
+    fit = without_cause(fitter, selection.null, selection.final, cause, candidates)
     if not fit.names:
         return None
     rise, attained = fit.chi2 - selection.final.chi2, min(selection.attained, selection.final.chi2)

@@ -49,11 +49,7 @@ class Linear:
 def left(own, remaining, monkeypatch, spent=False, sizes=lambda evidence, fit: (), before=0.0, unreliable=0.0):
     """Elimination of causes that explain so much, of these constancies; others explained more that went before."""
     fitter = Linear(own, remaining, spent, unreliable)
-    monkeypatch.setattr(
-        elimination,
-        "without_cause",
-        lambda fitter, null, final, cause, others: fitter.fit([other.name for other in others]),
-    )
+    monkeypatch.setattr(elimination, "without_cause", lambda fitter, null, final, cause, others: fitter.fit([*others]))
     causes = tuple((SimpleNamespace(name=n, candidate=n, chi2_reduction=chi2), ()) for n, chi2 in own.items())
     monkeypatch.setattr(elimination, "constancies", sizes)
     begun = fitter.fit(list(own))

@@ -11,7 +11,7 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import significant
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.replacement import _Linear, best_pair, is_pair_significant, without_cause
+from calib.diagnosis.replacement import _Linear, best_pair, is_pair_significant
 from calib.diagnosis.screening import screened
 from calib.diagnosis.signature import Point
 from calib.execution.pool import InProcess
@@ -125,25 +125,3 @@ def test_a_cause_that_is_absent_at_infinity_stays_in_what_is_predicted_without_c
     about = _Linear.without_causes(SimpleNamespace(names=("damping",)), [(clipping, ())], final)
     np.testing.assert_array_equal(about.residual, residual)
     assert about.rest == {"damping": 0.1}
-
-
-def test_without_a_cause_another_is_fitted_from_where_it_was_alone_if_that_leaves_less():
-    """The frequency of a wave, beside a dip, was fitted to a minimum of chi-square that is not the least."""
-
-    def wave(run):
-        size = {name: run.values.get(name, 0.0) for name in ("dip", "detuning")}
-        rows = straight(run.values) + size["dip"] * DIP + 20.0 * np.sin((3.0 + size["detuning"]) * TIME)
-        return SimulatedRows(rows[None], np.ones(TIME.size))
-
-    measured = straight(TRUE) + 20.0 * np.sin(3.1 * TIME) + np.random.default_rng(2).standard_normal(TIME.size)
-    fitter = Fitter(InProcess(wave), InSegments(measured), Space(WINDOWS), MODEL)
-    null = fitter.fit(Point(START, (), {"record": wave(SimpleNamespace(values=START))}))
-    dip, detuning = (Candidate(effect(name), (name,), {}, {name: 100.0}) for name in ("dip", "detuning"))
-    final = fitter.with_derivatives(fitter.fit(null.point, [dip, detuning], {"dip": 1.0, "detuning": 9.0}))
-    alone = fitter.fit(null.point, [detuning], {"detuning": 0.0})
-    left_out = SimpleNamespace(candidate=dip)
-    for own, value in ((final, final.value("detuning")), (alone, 0.1)):
-        fit = without_cause(fitter, null, final, left_out, [SimpleNamespace(candidate=detuning, fit=own)])
-        assert fit.candidates == (detuning,)
-        assert fit.value("detuning") == pytest.approx(value, rel=0.05)
-    assert final.value("detuning") > 5.0
