@@ -21,6 +21,7 @@ from calib.diagnosis.noise import (
 )
 from calib.diagnosis.noise_profile import noise_profiles
 from calib.diagnosis.part import Part
+from calib.diagnosis.pure_error import pure_errors
 from calib.objective import Reference, row_weights
 from calib.objective.outliers import smoothed
 from calib.records import is_response, mean_interval
@@ -179,12 +180,14 @@ def _measured(reference: Reference, rows: Sequence[tuple[str, str]]) -> np.ndarr
 
 
 def _repeating(reference: Reference, compared: _ComparedRows, cycle: int) -> dict[tuple[str, str], Noise]:
-    """Noise of the rows whose cycles show it: what the mean cycle of the residual leaves.
+    """Noise of the rows whose cycles show it: what the mean cycle of the residual leaves; or whose replicates do.
 
     A model error is periodic, and in the mean cycle; or it changes slowly, and is no noise either.
     """
     residual, rows, weight = compared.mended - compared.simulated, compared.rows, compared.weight
-    period, time = reference.period, reference.abscissa
+    period, time, record = reference.period, reference.abscissa, reference.record
+    if reference.is_swept and rows:
+        return pure_errors(record, rows, compared.mended, residual, weight, _stated(record, rows[0]))
     if period is None or not rows or time[-1] - time[0] < MIN_NOISE_CYCLES * cycle * period:
         return {}
     mean = mean_cycle(time, residual, period, cycle, weight=weight)
@@ -192,7 +195,7 @@ def _repeating(reference: Reference, compared: _ComparedRows, cycle: int) -> dic
     slow = [mean_cycle(time, change, period, cycle, weight=weight).residual for change in changes]
     about = zip(rows, mean.residual, weight, compared.mended, np.stack(slow, axis=2), strict=True)
     return {
-        row: from_cycles(left, w, values, mean.parameters, _stated(reference.record, row), (own[:, :1], own))
+        row: from_cycles(left, w, values, mean.parameters, _stated(record, row), (own[:, :1], own))
         for row, left, w, values, own in about
         if w.any()
     }

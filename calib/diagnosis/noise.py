@@ -34,7 +34,7 @@ MIN_LEVEL = 1e-6  # of the noise over a channel's root mean square  [1]: below i
 DER_SNR_FACTOR = 0.6052697  # standard deviation over median |2 x_i - x_(i-2) - x_(i+2)| (Stoehr et al. 2008, DER_SNR)
 MAX_INTERVAL_DIFFERENCE = 0.01  # relative, of two sampling intervals that count as equal  [1]
 MAX_ROOT = 0.9999  # magnitude of the roots of a stable autoregression  [1]
-STATED, CYCLIC, RESIDUAL = "stated in the record", "cycle to cycle", "the residual"
+STATED, CYCLIC, REPLICATED, RESIDUAL = "stated in the record", "cycle to cycle", "sweep to sweep", "the residual"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Noise:
     sigma : standard deviation  [unit of the channel]
     ar : (order,) coefficients of its autoregression  [1]
     source : from which the level is estimated
-    repeated : whether the autoregression is estimated from cycle to cycle, not from what a fit leaves
+    repeated : whether the autoregression is that of repeated cycles or replicates, not of what a fit leaves
     profile : (n,) standard deviation of each sample over `sigma`, whose mean square is 1; 1.0 of all  [1]
     """
 

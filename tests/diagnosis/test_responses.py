@@ -11,15 +11,16 @@ from hidden.stepped_laboratory import WHITE, SteppedLaboratory
 from calib.cli import main as calib
 from calib.diagnosis.artifacts import read_motions
 
-CANDIDATES = '\n[diagnosis]\ncandidates = ["quadratic_drag", "coulomb_friction", "cubic_stiffness", "softening"]\n'
+DAMPINGS, STIFFNESSES = ("quadratic_drag", "coulomb_friction"), ("cubic_stiffness", "softening")
+BOTH_WAYS = (1.0, -1.0)
 
 
-def diagnosed(cause, seed, folder, laboratory=WHITE):
+def diagnosed(cause, seed, folder, laboratory=WHITE, candidates=(*DAMPINGS, *STIFFNESSES)):
     """What a diagnosis says of a hidden cause, and what was hidden."""
     truth = drawn(cause, seed)
     written(truth, seed, folder, laboratory)
     study = folder / "study.toml"
-    study.write_text(study.read_text() + CANDIDATES)
+    study.write_text(study.read_text() + f"\n[diagnosis]\ncandidates = {json.dumps(candidates)}\n")
     for command in ("run", "diagnose"):
         answer = CliRunner().invoke(calib, [command, str(folder), "--quiet", "--jobs", "1"], catch_exceptions=False)
         assert answer.exit_code == 0, answer.output
@@ -72,4 +73,28 @@ def test_a_hidden_force_is_in_the_reported_class(tmp_path, cause):
 @pytest.mark.slow
 def test_nothing_is_found_where_the_level_wanders_untold(tmp_path):
     _, said = diagnosed(None, 53, tmp_path, SteppedLaboratory.drawn("level", 53))
+    assert said["verdict"] == "none"
+
+
+@pytest.mark.parametrize(
+    ("cause", "others"),
+    [
+        ("coulomb_friction", STIFFNESSES),
+        pytest.param("quadratic_drag", STIFFNESSES, marks=pytest.mark.slow),
+        pytest.param("cubic_stiffness", DAMPINGS, marks=pytest.mark.slow),
+        pytest.param("softening", DAMPINGS, marks=pytest.mark.slow),
+    ],
+)
+def test_a_force_unlike_every_candidate_is_no_noise_where_each_sweep_is_repeated(tmp_path, cause, others):
+    _, said = diagnosed(cause, 1, tmp_path, WHITE._replace(directions=BOTH_WAYS), others)
+    assert said["verdict"] == "unexplained"
+    [noise] = [gate["said"] for gate in said["gates"] if gate["name"] == "noise"]
+    assert "sweep to sweep" in noise
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trouble", ["white", "told level"])
+def test_nothing_is_found_in_sweeps_both_ways_where_nothing_is_hidden(tmp_path, trouble):
+    laboratory = SteppedLaboratory.drawn(trouble, 53)._replace(directions=BOTH_WAYS)
+    _, said = diagnosed(None, 53, tmp_path, laboratory)
     assert said["verdict"] == "none"

@@ -1,0 +1,54 @@
+"""Replicates in a frequency response: points measured again at the same frequency and level, in another sweep.
+
+What replicates differ by is noise, whatever the model leaves of them: the pure error of a regression, beside which its
+lack of fit is judged (Draper & Smith, Applied Regression Analysis, 1998, section 2.1).
+"""
+
+import numpy as np
+import xarray as xr
+
+from calib.records.response import complex_amplitude, sweeps
+
+SAME_LEVEL_RATIO = 1.05  # of the median levels of two sweeps at the same level  [1]
+MAX_STEPS = 0.5  # between the frequencies of replicates, over the median step of the coarser sweep  [1]
+MAX_DEPARTURE = 0.5  # of two amplitudes, over the rms amplitude of their sweeps: beyond it they are of two branches
+
+
+def replicates(record: xr.Dataset) -> np.ndarray:
+    """Number (point,) of the group of replicates that each point belongs to; of a point measured once its own.
+
+    Each point of a sweep is grouped with the nearest one of the first sweep at its level, where either is the nearest
+    of the other, and where both are of the same branch: between two folds a sweep down is not a sweep up again.
+    """
+    group = np.arange(record.sizes["point"])
+    frequency, level = record["frequency"].values, record["level"].values
+    amplitude = complex_amplitude(record)
+    first: list[np.ndarray] = []
+    for _, points in sweeps(record):
+        same = (one for one in first if _ratio(np.median(level[one]), np.median(level[points])) <= SAME_LEVEL_RATIO)
+        base = next(same, None)
+        if base is None:
+            first.append(points)
+            continue
+        again, before = _matched(frequency[points], frequency[base])
+        again, before = points[again], base[before]
+        both = np.concatenate([points, base])
+        rms = np.sqrt(np.mean(np.abs(amplitude[:, both]) ** 2, axis=1, keepdims=True))
+        near = (np.abs(amplitude[:, again] - amplitude[:, before]) <= MAX_DEPARTURE * rms).all(axis=0)
+        group[again[near]] = group[before[near]]
+    return group
+
+
+def _ratio(one: float, other: float) -> float:
+    """Ratio of two positive levels, the larger over the smaller."""
+    return max(one, other) / min(one, other)
+
+
+def _matched(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of frequencies of two sweeps that are nearest to each other and no farther than MAX_STEPS apart."""
+    apart = np.abs(one[:, None] - other)
+    nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
+    steps = [float(np.median(np.abs(np.diff(own)))) for own in (one, other) if own.size > 1]
+    own = np.arange(one.size)
+    close = (back[nearest] == own) & (apart[own, nearest] <= MAX_STEPS * max(steps, default=0.0))
+    return own[close], nearest[close]
