@@ -66,6 +66,16 @@ class Evidence:
             column[self.of(part.name)] = part.white(change)
         return columns
 
+    def by_sweep(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, k) as changes of each sweep of each frequency response alone (N, k * sweep)."""
+        blocks = [(part, part.by_sweep(columns[self.of(part.name)])) for part in self.parts if part.is_swept]
+        whole = np.zeros((len(columns), sum(block.shape[1] for _, block in blocks)))
+        first = 0
+        for part, block in blocks:
+            whole[self.of(part.name), first : first + block.shape[1]] = block
+            first += block.shape[1]
+        return whole
+
     def initial_moves(
         self, simulated: Mapping[str, SimulatedRows], residual: np.ndarray
     ) -> dict[str, dict[str, float]]:

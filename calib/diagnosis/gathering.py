@@ -111,7 +111,7 @@ def gathered(
                 used=own.used,
                 weight=own.weight,
                 clock=(clocks or {}).get(name),
-                is_swept=reference.is_swept,
+                sweep=reference.record["sweep"].values if reference.is_swept else None,
             )
         )
     return Evidence(tuple(parts))

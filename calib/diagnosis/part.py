@@ -33,7 +33,7 @@ class Part:
     clock : (row, n) change of the rows with the rate of the clock, where that is uncertain and no nuisance
         [per unit rate]; None elsewhere
     variance_along_clock : variance of what a model leaves along that change, over the noise's  [1]
-    is_swept : whether it is a frequency response
+    sweep : (n,) number of the sweep that each point of a frequency response belongs to; None over time
     """
 
     name: str
@@ -48,7 +48,12 @@ class Part:
     weight: np.ndarray
     clock: np.ndarray | None = None
     variance_along_clock: float = 1.0
-    is_swept: bool = False
+    sweep: np.ndarray | None = None
+
+    @property
+    def is_swept(self) -> bool:
+        """Whether it is a frequency response."""
+        return self.sweep is not None
 
     @property
     def compared_noise(self) -> tuple[Noise, ...]:
@@ -73,6 +78,14 @@ class Part:
         """Undo `white`: columns (row * n, k) to (row, n, k) in the units of the rows; 0 where nothing counts."""
         blocks = zip(self.noise, np.split(self.shrunk(columns, -1.0), len(self.rows)), self.weight, strict=True)
         return np.array([noise.coloured(block.T, weight).T for noise, block, weight in blocks])
+
+    def by_sweep(self, columns: np.ndarray) -> np.ndarray:
+        """Whitened columns (row * n, k) of what changes one sweep alone, of each sweep (row * n, k * sweep)."""
+        plain = self.restored(columns)
+        sweep = np.zeros(0) if self.sweep is None else self.sweep
+        alone = [plain * (sweep == number)[:, None] for number in np.unique(sweep)]
+        own = [self.white(one[:, :, k]) for one in alone for k in range(plain.shape[2])]
+        return np.column_stack(own) if own else np.zeros((len(columns), 0))
 
     def shrunk(self, columns: np.ndarray, power: float) -> np.ndarray:
         """Columns (row * n,) or (row * n, k) in units of the noise and of the uncertainty of the clock's rate.

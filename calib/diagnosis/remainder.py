@@ -14,13 +14,16 @@ def remainder(evidence: Evidence, fit: Fit, derivatives: Sequence[np.ndarray]) -
     """Residuals of the measured rows with all candidates fitted to them at once, to first order, by record.
 
     So is the rate of each uncertain clock: beside so many candidates the part of the residual that is due to a clock
-    is undetermined.
+    is undetermined. And so are the calibrated parameters in each sweep of a frequency response by itself: a force that
+    no candidate resembles makes stiffness and damping differ from level to level, noise does not (the homogeneity of
+    frequency responses: Worden & Tomlinson, Nonlinearity in Structural Dynamics, 2001, section 2.3).
 
     Parameters
     ----------
     derivatives : columns (N, k) by the parameters of the candidates, in units of the noise
     """
-    everything = Projection(np.column_stack([fit.columns, fit.nuisances, evidence.clock_changes(), *derivatives]))
+    by_sweep, clocks = evidence.by_sweep(fit.columns), evidence.clock_changes()
+    everything = Projection(np.column_stack([fit.columns, by_sweep, fit.nuisances, clocks, *derivatives]))
     residual = everything(fit.residual)
     left = {}
     for part in evidence.parts:

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.gain import RECORDS, Gain
 from calib.diagnosis.gates import Gate
@@ -110,12 +112,18 @@ def _without_causes(selection: Selection, ready: Prepared) -> tuple[str, str]:
 
 def _reservation(ready: Prepared) -> str:
     """What cannot be told where the noise has a memory that only the residual shows, as the end of a sentence."""
-    noises = [noise for part in ready.fitter.evidence.parts for noise in part.compared_noise]
-    if not any(noise.source == RESIDUAL and noise.ar.size and not noise.repeated for noise in noises):
+    shares = [
+        noise.sigma / float(np.sqrt(np.mean(row**2)))
+        for part in ready.fitter.evidence.parts
+        for noise, row, used in zip(part.noise, part.measured, part.used, strict=True)
+        if used.any() and row.any() and noise.source == RESIDUAL and noise.ar.size and not noise.repeated
+    ]
+    if not shares:
         return ""
     return (
-        "; but the noise is taken from the residual, which is correlated, and may as well be an effect that no "
-        "candidate resembles: state the uncertainty of the records, or repeat them"
+        f"; but the noise, up to {100.0 * max(shares):.2g} % of the rms of a channel, is taken from the residual, "
+        "which is correlated, and may as well be an effect that no candidate resembles: state the uncertainty of the "
+        "records, or repeat them"
     )
 
 

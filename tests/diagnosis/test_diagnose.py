@@ -672,9 +672,11 @@ def test_noise_is_not_what_candidates_leave_that_could_not_be_tested(source, smo
     names = ["quadratic_drag", "presliding", "softening"]
     suspects = [suspect(name, "" if k < smooth else "two step sizes differ") for k, name in enumerate(names)]
     selection = SimpleNamespace(causes=(), is_significant=False, rounds=[SimpleNamespace(suspects=suspects)])
-    part = SimpleNamespace(compared_noise=(Noise(1.0, np.array(ar), source, repeated),))
+    noise, row = (Noise(1.0, np.array(ar), source, repeated),), np.full((1, 4), 5.0)
+    part = SimpleNamespace(compared_noise=noise, noise=noise, measured=row, used=row > 0.0)
     ready = SimpleNamespace(outliers=0.0, rounding=0.0, fitter=SimpleNamespace(evidence=SimpleNamespace(parts=[part])))
     told, summary = verdict_of(selection, [], ready)
     assert told == verdict
     assert ("presliding and softening could not be tested" in summary) == (verdict == "not_diagnosable")
     assert ("an effect that no candidate resembles" in summary) == doubted
+    assert ("the noise, up to 20 % of the rms of a channel" in summary) == doubted

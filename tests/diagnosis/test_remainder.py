@@ -64,6 +64,36 @@ def test_what_a_clock_makes_is_no_noise_however_far_candidates_that_are_like_it_
     np.testing.assert_allclose(found.std(axis=1), [2.0, 30.0], rtol=0.05)
 
 
+def swept(size):
+    """Three sweeps of 400 points each of a channel, whose model has one parameter of this size in each sweep."""
+    n, sweep = 1200, np.repeat([0.0, 1.0, 2.0], 400)
+    shape, ones = np.cos(np.pi * np.tile(np.arange(400), 3) / 100.0), np.ones((1, n))
+    noise = np.random.default_rng(5).standard_normal(n)
+    measured = noise + np.asarray(size)[sweep.astype(int)] * shape
+    unknown = (Noise(1.0, np.zeros(0), RESIDUAL),)
+    part = Part("r", ROWS[:1], np.arange(n), 30.0 + measured[None], None, 1, (), unknown, ones > 0.0, ones, sweep=sweep)
+    column = shape[:, None]
+    residual = measured - shape * (shape @ measured) / (shape @ shape)
+    fit = SimpleNamespace(columns=column, nuisances=np.zeros((n, 0)), residual=residual)
+    return Evidence((part,)).with_reestimated_noise(remainder(Evidence((part,)), fit, [])).parts[0].noise[0]
+
+
+def test_a_parameter_that_differs_from_sweep_to_sweep_is_no_noise_with_a_memory():
+    for size in ((0.0, 0.0, 0.0), (-5.0, 0.0, 5.0)):
+        noise = swept(size)
+        assert noise.ar.size == 0
+        assert noise.sigma == pytest.approx(1.0, rel=0.05)
+
+
+def test_what_changes_one_sweep_alone_is_whitened_as_such():
+    noise, ones = (Noise(2.0, np.array([0.5]), RESIDUAL),), np.ones((1, 6))
+    rows, sweep = np.arange(1.0, 7.0)[None], np.repeat([0.0, 1.0], 3)
+    part = Part("r", ROWS[:1], np.arange(6.0), rows, None, 1, (), noise, ones > 0.0, ones, sweep=sweep)
+    both = part.by_sweep(part.white(rows)[:, None])
+    np.testing.assert_allclose(part.restored(both)[0], (rows[0] * (sweep == [[0.0], [1.0]])).T, atol=1e-12)
+    np.testing.assert_allclose(both.sum(axis=1), part.white(rows))
+
+
 def test_without_the_candidate_it_is_left():
     found = left(WHITE, drawn(1) + 5.0 * MISSING, [])
     assert found[0] @ MISSING / (MISSING @ MISSING) == pytest.approx(5.0, rel=0.05)

@@ -92,6 +92,12 @@ def test_a_force_unlike_every_candidate_is_no_noise_where_each_sweep_is_repeated
     assert "sweep to sweep" in noise
 
 
+@pytest.mark.parametrize("cause", ["coulomb_friction", pytest.param("quadratic_drag", marks=pytest.mark.slow)])
+def test_damping_that_differs_from_level_to_level_is_no_noise(tmp_path, cause):
+    _, said = diagnosed(cause, 1, tmp_path, candidates=STIFFNESSES)
+    assert said["verdict"] == "unexplained"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("trouble", ["white", "told level"])
 def test_nothing_is_found_in_sweeps_both_ways_where_nothing_is_hidden(tmp_path, trouble):
