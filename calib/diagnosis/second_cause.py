@@ -129,8 +129,11 @@ def _joint_excess(outcome: Outcome) -> float:
 
 
 def _partners(selection: Selection, cause: Refitted, rivals: Sequence[Refitted]) -> list[Refitted]:
-    """Rivals of the cause, and suspects that explain about as much in its search, the best first."""
-    search = next(r for r in selection.rounds if r.chosen is not None)
+    """Rivals of the cause, and suspects that explain about as much beside the calibrated model, the best first.
+
+    The search beside that model may have chosen none: a cause is also what is left of a pair that was tried then.
+    """
+    search = selection.rounds[0]
     taken = {rival.name for rival in rivals}
     least = CRITERIA.min_explained_share * cause.chi2_reduction
     suspects = [s for s in search.suspects if isinstance(s, Refitted) and s.fit.names and s.name not in taken]

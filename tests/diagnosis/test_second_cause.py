@@ -24,7 +24,7 @@ class Chosen(SimpleNamespace):
     """A selection of causes with these names."""
 
     def __init__(self, causes, alternatives=None, differing=(), suspects=(), **rest):
-        search = SimpleNamespace(chosen=causes[0], suspects=suspects, threshold=3.3)
+        search = SimpleNamespace(chosen=None, suspects=suspects, threshold=3.3)  # the cause is left of a pair
         super().__init__(
             causes=causes, alternatives=alternatives or tuple((c,) for c in causes), rounds=(search,),
             is_sufficient=True, differing_by_record=differing, remainder_is_significant=False, null=None, **rest,
