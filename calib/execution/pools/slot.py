@@ -122,7 +122,7 @@ class Slot:
                 self._repetitions += 1
                 self._schedule(done)
                 return RETRIED
-            return Failure(TIMEOUT, f"no result within {self._limit:g} s of wall-clock time", seconds)
+            return Failure(TIMEOUT, f"no result within {self._limit:g} s of wall-clock time{self._granted()}", seconds)
         if isinstance(error, CodeChanged):
             raise error
         if isinstance(error, ProcessExpired):
@@ -130,6 +130,13 @@ class Slot:
                 return Failure(MEMORY, _too_much(self._exceeded, self._limits.memory), seconds)
             return Failure(CRASHED, _death(error.exitcode), seconds)
         return failure(error, seconds)
+
+    def _granted(self) -> str:
+        """Say what of the limit was granted to a first call beyond the time-out that the study states."""
+        timeout = self._limits.timeout
+        if timeout is None or self._limit is None or self._limit == timeout:
+            return ""
+        return f", of which {self._limit - timeout:g} s for what the first call of a process imports and compiles"
 
     def _again(self, done: Callable[[Future[bytes]], None], error: BrokenProcessPool, seconds: float) -> Any:
         """Hand the call out once more, to a new process: the old one died before it took the call up."""

@@ -117,6 +117,16 @@ def test_the_first_call_of_a_process_has_a_warm_up_allowance():
         assert results(pool, [0.5]) == {0: 0.25}, "a new process has its own allowance"
 
 
+def test_a_first_call_that_hangs_says_how_long_it_was_waited_for_and_why():
+    with LocalPool(f.slow_square, 1, timeout=0.5, startup=1.5) as pool:
+        reason = results(pool, [100.0])[0].reason
+    first = ", of which 1.5 s for what the first call of a process imports and compiles"
+    assert reason == f"no result within 2 s of wall-clock time{first}"
+    with LocalPool(f.slow_square, 1, timeout=0.5, startup=5.0) as pool:
+        assert results(pool, [0.0]) == {0: 0.0}
+        assert results(pool, [100.0])[0].reason == "no result within 0.5 s of wall-clock time"
+
+
 def test_each_stage_has_an_allowance_of_its_own():
     """A stage that compiles more than those before it does not run into the time limit."""
     with LocalPool(f.slow_square, 1, timeout=0.2, startup=5.0) as pool:
