@@ -72,7 +72,9 @@ def _measured(value: float, error: float | None, unit: str) -> tuple[str, str]:
         return shown(value, unit, 6), "-"
     factor, name = reading(unit, value)
     value, error = factor * value, factor * error
-    decimals = max(0, 1 - math.floor(math.log10(error)))
+    place = 1 - math.floor(math.log10(error))
+    value, error = round(value, place), round(error, place)
+    decimals = max(0, place)
     form = f".{decimals}f"
     if decimals > MAX_DECIMALS and value:
         form = f".{max(1, decimals + math.floor(math.log10(abs(value))))}e"
