@@ -85,8 +85,10 @@ class Sheet:
         if bad.any():
             at = int(np.argmax(bad))
             cell = cells[at]
+            remedy = "; `first` and `last` of [record.table] take the rows between such cells"
+            if begin + at == 0 and real_number(cell) is None:
+                remedy = "; if a row of units follows the names, set header = 2"
             where = f"line {self.lines[begin + at]}" if self.lines else f"sample {begin + at}"
-            raise CalibError(
-                f"{self.path}, {where}: expected a number in column {column!r}, got {cell!r}{comma_hint(cell)}"
-            )
+            advice = comma_hint(cell) or remedy
+            raise CalibError(f"{self.path}, {where}: expected a number in column {column!r}, got {cell!r}{advice}")
         return values

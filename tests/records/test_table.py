@@ -90,7 +90,10 @@ def test_names_are_stated_for_text_without_a_header(tmp_path, headed):
         (r"not a text file in UTF-8 .*; state its encoding, such as encoding = \"latin-1\"", {}),
         ("unknown encoding 'latin1-x'", {"encoding": "latin1-x"}),
         ("unknown encoding 'rot13'", {"encoding": "rot13"}),
-        ("line 3: expected a number in column 'Zeit .s.', got 's'", {"encoding": "latin-1", "skip": 1, "decimal": ","}),
+        (
+            "line 3: expected a number in column 'Zeit .s.', got 's'; if a row of units follows the names, set header",
+            {"encoding": "latin-1", "skip": 1, "decimal": ","},
+        ),
         (
             "line 4: .* in column 'Zeit .s.', got '0,000000'; if it is a decimal comma, set decimal = ','",
             {"encoding": "latin-1", "skip": 1, "header": 2},
@@ -225,7 +228,10 @@ def mistake(path, says, text=HEADED, channels=(X,), drive=None, **options):
         ("no header, only columns 1 to 2", {"text": "1,2\n3,4\n"}),
         ("line 3: expected a number in column 'x', got 'two'", {"text": HEADED.replace("2.0", "two")}),
         ("line 3: expected a number in column 'x', got ''", {"text": HEADED.replace("2.0", "")}),
-        ("line 3: expected a number in column 'x', got 'nan'", {"text": HEADED.replace("2.0", "nan")}),
+        (
+            "line 3: expected a number in column 'x', got 'nan'; `first` and `last` of",
+            {"text": HEADED.replace("2.0", "nan")},
+        ),
         ("line 4: expected 5 cells as in line 1, got 4", {"text": HEADED.replace("0.2,3.0", "0.2")}),
         ("got '1,5'", {"text": "t;x\n0,1;1,5\n0,2;2,5\n"}),
         ("a quotation mark is not closed", {"text": HEADED.replace("a,", '"a,')}),
