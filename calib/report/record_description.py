@@ -10,6 +10,7 @@ from calib.records import STATE, channels, fills_periods, is_response, nuisance_
 from calib.records.cycles import impact, kind_of_motion, phase_curve
 from calib.records.decay import is_free_decay
 from calib.records.excitation import UNITS
+from calib.records.repetition import other_frequency
 from calib.records.response import complex_amplitude, sweeps
 from calib.report.decay_description import decay_description
 from calib.units import shown
@@ -165,6 +166,11 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
     for key in ("place", "quantity"):
         if key not in record.attrs and stated_period(record) is not None:
             yield f"the excitation is not fully stated (attribute {key!r} is missing); state it in the study"
+    if (other := other_frequency(record)) is not None:
+        yield (
+            f"the record repeats itself at {other:.4g} Hz, not at the {float(record.attrs['frequency']):.5g} Hz of its "
+            "excitation; check the stated frequency and the unit of time"
+        )
     if stated_period(record) is not None and not fills_periods(record):
         yield "the record does not fill whole periods of the excitation; the rest of the last period is not compared"
     for body in (str(b) for b in record.body.values):

@@ -10,6 +10,7 @@ from digitise.rendered import draw
 from phase_loops import clapping, noisy
 from PIL import Image
 
+from calib import records
 from calib.cli import main
 from calib.records import STATE, write
 from calib.report.record_description import MIN_CONTACT_SAMPLES, record_description, record_warnings
@@ -52,6 +53,30 @@ def test_an_impact_that_the_samples_do_not_resolve_is_said():
     ).groups()
     assert float(phase) == pytest.approx(0.3012, abs=1.0 / 400)
     assert float(samples) < MIN_CONTACT_SAMPLES
+
+
+@pytest.mark.parametrize("stated", [14.0, 11.4, 26.0 / 3.1])
+def test_a_record_that_repeats_at_another_frequency_than_is_stated_is_said(stated):
+    [line] = [line for line in record_warnings(_tone(13.0, stated)) if "repeats itself" in line]
+    found, said = re.match(r"the record repeats itself at ([\d.]+) Hz, not at the ([\d.]+) Hz of", line).groups()
+    assert float(found) == pytest.approx(13.0, abs=0.02)
+    assert float(said) == pytest.approx(stated, abs=0.005)
+
+
+@pytest.mark.parametrize("stated", [13.0, 13.005, 26.0, 39.0])
+def test_a_record_at_its_frequency_or_at_a_fraction_of_it_is_not_doubted(stated):
+    assert not [line for line in record_warnings(_tone(13.0, stated)) if "repeats itself" in line]
+
+
+def _tone(frequency, stated):
+    """Twenty periods of a motion with harmonics and noise, whose excitation is said to be at `stated` [Hz]."""
+    time = np.arange(0.0, 20.0 / 13.0, 1e-3)
+    angle = 2.0 * np.pi * frequency * time
+    noise = 1e-5 * np.random.default_rng(2).standard_normal(time.size)
+    displacement = 1e-3 * (np.cos(angle) + 0.2 * np.cos(2.0 * angle + 0.5)) + noise
+    return records.make(
+        time, ("mass",), {"displacement": displacement[None], "displacement_sigma": np.array([1e-5])}, frequency=stated
+    )
 
 
 def test_a_record_without_uncertainty_is_said():

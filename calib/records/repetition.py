@@ -1,0 +1,59 @@
+"""At which frequency a record repeats itself, whatever its excitation is said to be."""
+
+import numpy as np
+import xarray as xr
+
+from calib.records import stated_period
+
+MIN_PERIODS = 4.0  # of the stated excitation, from which two frequencies are told apart
+MAX_SUBHARMONIC = 5  # periods of the stated excitation, up to which a motion may repeat
+ORDERS = 12  # harmonics of a repeating motion
+MAX_OTHER_SHARE = 0.1  # of the variance that the record's own frequency leaves
+MIN_STATED_SHARE = 0.5  # of the variance that the stated frequency leaves
+REFINEMENT = np.linspace(-1.0, 1.0, 41)  # about the largest line of the spectrum, over the resolution [1]
+
+
+def other_frequency(record: xr.Dataset) -> float | None:
+    """Frequency [Hz] at which a record repeats itself, where it is another than the stated one; else None.
+
+    It is the largest line of the displacement, or of the first channel. It is another one if it and its harmonics
+    explain nearly all of the variance, while those of the stated frequency, and of its fractions down to a fifth,
+    leave more than half of it.
+
+    Parameters
+    ----------
+    record : with the dimensions body and time
+    """
+    period = stated_period(record)
+    time = record.time.values - record.time.values[0]
+    if period is None or time[-1] < MIN_PERIODS * period:
+        return None
+    name = "displacement" if "displacement" in record else next(iter(record.data_vars))
+    rows = record[name].transpose("body", "time").values
+    rows = (rows - rows.mean(axis=1, keepdims=True)).T
+    if not rows.any():
+        return None
+    left = min(_left(rows, time, 1.0 / (n * period), n * ORDERS) for n in range(1, MAX_SUBHARMONIC + 1))
+    if left < MIN_STATED_SHARE:
+        return None
+    found = _largest_line(rows, time)
+    return found if _left(rows, time, found, ORDERS) < MAX_OTHER_SHARE else None
+
+
+def _left(rows: np.ndarray, time: np.ndarray, frequency: float, orders: int) -> float:
+    """Share of the variance of `rows` (time, body) that a Fourier series of this frequency leaves."""
+    orders = max(1, min(orders, int(0.5 * (time.size - 1) / (time[-1] * frequency))))
+    angles = 2.0 * np.pi * frequency * np.outer(time, np.arange(orders + 1))
+    design = np.hstack([np.cos(angles), np.sin(angles[:, 1:])])
+    fitted = design @ np.linalg.lstsq(design, rows, rcond=None)[0]
+    return float(((rows - fitted) ** 2).sum() / (rows**2).sum())
+
+
+def _largest_line(rows: np.ndarray, time: np.ndarray) -> float:
+    """Frequency [Hz] of the largest line, refined by least squares within the resolution of the spectrum."""
+    even = np.linspace(0.0, time[-1], time.size)
+    window = np.hanning(time.size)
+    power = sum(np.abs(np.fft.rfft(window * np.interp(even, time, row))) ** 2 for row in rows.T)
+    at = 1 + int(np.argmax(power[1:]))
+    near = [(at + shift) / time[-1] for shift in REFINEMENT if at + shift > 0.0]
+    return min(near, key=lambda frequency: _left(rows, time, frequency, 1))
