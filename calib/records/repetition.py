@@ -5,12 +5,12 @@ import xarray as xr
 
 from calib.records import stated_period
 
-MIN_PERIODS = 4.0  # of the stated excitation, from which two frequencies are told apart
-MAX_SUBHARMONIC = 5  # periods of the stated excitation, up to which a motion may repeat
-ORDERS = 12  # harmonics of a repeating motion
+MIN_STATED_PERIODS = 4.0  # of the stated excitation, from which two frequencies are told apart
+MAX_STATED_PERIODS = 5  # periods of the stated excitation, up to which a motion may repeat
+REPETITION_ORDERS = 12  # harmonics of a repeating motion
 MAX_OTHER_SHARE = 0.1  # of the variance that the record's own frequency leaves
 MIN_STATED_SHARE = 0.5  # of the variance that the stated frequency leaves
-REFINEMENT = np.linspace(-1.0, 1.0, 41)  # about the largest line of the spectrum, over the resolution [1]
+LINE_SHIFTS = np.linspace(-1.0, 1.0, 41)  # about the largest line of the spectrum, over the resolution [1]
 
 
 def other_frequency(record: xr.Dataset) -> float | None:
@@ -26,18 +26,18 @@ def other_frequency(record: xr.Dataset) -> float | None:
     """
     period = stated_period(record)
     time = record.time.values - record.time.values[0]
-    if period is None or time[-1] < MIN_PERIODS * period:
+    if period is None or time[-1] < MIN_STATED_PERIODS * period:
         return None
     name = "displacement" if "displacement" in record else next(iter(record.data_vars))
     rows = record[name].transpose("body", "time").values
     rows = (rows - rows.mean(axis=1, keepdims=True)).T
     if not rows.any():
         return None
-    left = min(_left(rows, time, 1.0 / (n * period), n * ORDERS) for n in range(1, MAX_SUBHARMONIC + 1))
+    left = min(_left(rows, time, 1.0 / (n * period), n * REPETITION_ORDERS) for n in range(1, MAX_STATED_PERIODS + 1))
     if left < MIN_STATED_SHARE:
         return None
     found = _largest_line(rows, time)
-    return found if _left(rows, time, found, ORDERS) < MAX_OTHER_SHARE else None
+    return found if _left(rows, time, found, REPETITION_ORDERS) < MAX_OTHER_SHARE else None
 
 
 def _left(rows: np.ndarray, time: np.ndarray, frequency: float, orders: int) -> float:
@@ -53,7 +53,8 @@ def _largest_line(rows: np.ndarray, time: np.ndarray) -> float:
     """Frequency [Hz] of the largest line, refined by least squares within the resolution of the spectrum."""
     even = np.linspace(0.0, time[-1], time.size)
     window = np.hanning(time.size)
-    power = sum(np.abs(np.fft.rfft(window * np.interp(even, time, row))) ** 2 for row in rows.T)
+    spectra = np.fft.rfft([window * np.interp(even, time, row) for row in rows.T], axis=1)
+    power = (np.abs(spectra) ** 2).sum(axis=0)
     at = 1 + int(np.argmax(power[1:]))
-    near = [(at + shift) / time[-1] for shift in REFINEMENT if at + shift > 0.0]
+    near = [(at + shift) / time[-1] for shift in LINE_SHIFTS if at + shift > 0.0]
     return min(near, key=lambda frequency: _left(rows, time, frequency, 1))
