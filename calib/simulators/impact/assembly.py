@@ -156,8 +156,8 @@ def _compliance(
     """Return the contact as the kernel takes it, its force along the jump of the velocities at a rigid impact."""
     if contact is None or stop is None:
         return RIGID
-    linear = contact.exponent == 1.0 and contact.loss == 0.0
-    reach = MAX_LINEAR_ANGLE if linear else MAX_ANGLE
+    by_itself = contact.exponent != 1.0 or contact.loss == 0.0
+    reach = MAX_LINEAR_ANGLE if by_itself else MAX_ANGLE
     return Compliance(
         stiffness=contact.stiffness,
         exponent=contact.exponent,

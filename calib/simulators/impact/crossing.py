@@ -6,7 +6,8 @@ With x = tau / step from d = 0 on, the motion is the double series
 
 in its branches j, of which each is the response to the force that those before it make: with d = x D the force
 k d^n (1 + loss d') is x^n times a double series of the same exponents, and two integrals take x^n x^(i + j (n + 1)) to
-x^(i + 1 + (j + 1) (n + 1)). It serves for as long as the force changes little of the velocity; `series` goes on.
+x^(i + 1 + (j + 1) (n + 1)). It serves for as long as the force changes little of the velocity;
+`fictitious_time` goes on.
 """
 
 import math
@@ -26,6 +27,12 @@ MAX_DAMPED_CHANGE = 0.6  # of the velocity by a damper
 # rows of `Scratch.lattice`: penetration, that times its exponent less one, power d^n, force; for differences d^(n - 1),
 # the force's derivatives by the penetration and by its rate, difference of the penetration; from `MODAL` on modes
 PATH, WEIGHTED, POWERS, PRESSURE, LOWER, PER_DEPTH, PER_RATE, DIFFERENCE, MODAL = range(9)
+
+
+@njit(**INLINED)
+def has_series_at_ends(law: Compliance) -> bool:
+    """Whether the power has a series about d = 0 in the root of time, as where n = 1.5."""
+    return math.floor(2.0 * law.exponent) == 2.0 * law.exponent
 
 
 @njit(**WITHIN)

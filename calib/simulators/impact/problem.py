@@ -62,7 +62,7 @@ class Compliance(NamedTuple):
     stiffness : [m^(1 - exponent)/s^2]
     exponent : 1 or more  [1]
     damping : [1/s]
-    loss : [s/m], or [1] where it is divided by the closing speed of the impact at hand
+    loss : [s/m], or [1] where it is divided by the closing speed of the impact at hand; 0 where there is damping
     by_speed : whether it is
     slowest : closing speed that a slower one counts as, where it is  [m/s]
     step, free_step : longest step in contact under the force, and without  [s]

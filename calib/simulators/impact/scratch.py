@@ -8,6 +8,19 @@ from calib.modelling.laws import SLOTS, STATES
 
 ORDER = 40  # highest, of the Taylor series of the motion in a compliant contact
 BRANCHES, TERMS = 12, 16  # at most, of its double series from the crossing on
+COMPOSED = 13  # terms of the polynomials of the loads in a fictitious time
+# rows of `Scratch.contact`: series of the penetration, its rate, the force and what these are made of; what is known of
+# the series; in a fictitious time the impulse of the force and the way it makes; from `MODES` on the series of the
+# modes, in a fictitious time of what they do beside the force, with velocities and accelerations
+DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS, KNOWN, IMPULSE, MOVED, MODES = range(12)
+# entries of the row `KNOWN`: order of the series; whether the force has its part of d^n; what ends the step; length of
+# step over which the series under the force held last [s]; time next to d = 0 over which d^n makes next to nothing of
+# the velocity [s], both 0 before the first; which series serve, of `series` (TIME), of `crossing` (LATTICE) or of
+# `fictitious_time` (FICTITIOUS); sums of the sizes of the terms beyond the first, of the penetration [m] and of its
+# rate times the step [m]; when the contact began since the whole period, NaN where that is not known [s]; order of the
+# modes beside the force; and from `PACE` on the rate of time over the fictitious one, by powers of that [s]
+LAST, STIFF, END, HELD, SMALL, SERIES, SPREAD, SPREAD_OF_RATE, BEGAN, MODAL_LAST, PACE = range(11)
+TIME, LATTICE, FICTITIOUS = range(3)  # entries of SERIES
 
 
 class Scratch(NamedTuple):
@@ -31,9 +44,10 @@ class Scratch(NamedTuple):
     v: np.ndarray
     q: np.ndarray  # (n,) coordinates
     dq: np.ndarray
-    contact: np.ndarray  # (9 + n, ORDER + 1) of a compliant contact, see `series`; None where the stop is rigid
+    contact: np.ndarray  # (11 + 3 n, ORDER + 1) of a compliant contact, see `series`; None where the stop is rigid
     lattice: np.ndarray  # (8 + n, BRANCHES, TERMS) of the same, see `crossing`; None as `contact`
     last: np.ndarray  # (BRANCHES + 1,) last terms of its branches, and their number
+    composed: np.ndarray  # (5, COMPOSED) series in a fictitious time of the powers of tau / step
 
 
 def scratch(n: int, compliant: bool = False) -> Scratch:
@@ -43,7 +57,7 @@ def scratch(n: int, compliant: bool = False) -> Scratch:
         np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
         np.zeros((SLOTS, n + 1, STATES, 6)), np.zeros((SLOTS, n + 1, STATES, 6)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
-        np.zeros((9 + n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
+        np.zeros((11 + 3 * n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
         np.zeros((8 + n, BRANCHES, TERMS)) if compliant else None,  # type: ignore[arg-type]
-        np.zeros(BRANCHES + 1, dtype=np.int64),
+        np.zeros(BRANCHES + 1, dtype=np.int64), np.zeros((5, COMPOSED)),
     )  # fmt: skip

@@ -3,8 +3,9 @@
 The modes out of contact go on under the contact force, which depends on them through the penetration alone: so each
 order costs one number of the force and one of each mode. Coefficients are those of (tau / step)^k. A linear law's
 series reaches rounding in steps of 3 over its angular frequency; another law's step is what the series allow. A power
-d^n with n > 1 has no series about d = 0: a contact begins with those of `crossing`, and where it ends the force is so
-small that its impulse along a path of constant velocity serves; in between, steps grow and shrink with the distance.
+d^n with n > 1 has no series about d = 0: its steps are those of `fictitious_time`, a contact begins with that of
+`crossing` where 2 n is not whole, and where it ends the force is so small that its impulse along a path of constant
+velocity serves.
 """
 
 import math
@@ -13,8 +14,13 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import INLINED, WITHIN
-from calib.simulators.impact.convolution import convolutions, square_term
+from calib.simulators.impact.convolution import square_term
 from calib.simulators.impact.crossing import carry_about_crossing, expand_about_crossing, motion_about_crossing
+from calib.simulators.impact.fictitious_time import (
+    carry_in_fictitious_time,
+    expand_in_fictitious_time,
+    motion_in_fictitious_time,
+)
 from calib.simulators.impact.problem import (
     CLOSING,
     COMPRESSION,
@@ -27,23 +33,32 @@ from calib.simulators.impact.problem import (
     Problem,
     Regimes,
 )
-from calib.simulators.impact.scratch import ORDER, Scratch
+from calib.simulators.impact.scratch import (
+    BY_DEPTH,
+    BY_LOSS,
+    BY_RATE,
+    DEPTH,
+    FICTITIOUS,
+    FORCE,
+    KNOWN,
+    LAST,
+    LATTICE,
+    MODES,
+    ORDER,
+    RATE,
+    SERIES,
+    SPREAD,
+    SPREAD_OF_RATE,
+    STIFF,
+    WITNESS,
+    Scratch,
+)
 
 TRUNCATION = 1e-13  # terms of the series below that share of the largest are left out
 MAX_SERIES_JUMPS = 10_000  # over a step before its zero is given up
 MIN_ORDER = 6  # so that the polynomials of the loads have entered
 SMALL_CHANGE = 1e-8  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
 _INVERSE = np.array([1.0 / ((k + 1) * (k + 2)) for k in range(ORDER)])
-_RECIPROCAL = np.array([1.0 / max(1, k) for k in range(ORDER)])
-# rows of `Scratch.contact`: series of the penetration, its rate, the force and what these are made of; what is known of
-# the series; and from `MODES` on those of the modes
-DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS, KNOWN, MODES = range(10)
-# entries of the row `KNOWN`: order of the series; whether the force has its part of d^n; what ends the step; length of
-# step over which the series under the force held last [s]; time next to d = 0 over which d^n makes next to nothing of
-# the velocity [s], both 0 before the first
-# and whether the motion is that of `crossing`; sums of the sizes of the terms beyond the first, of the penetration [m]
-# and of its rate times the step [m]
-LAST, STIFF, END, HELD, SMALL, CROSSING, SPREAD, SPREAD_OF_RATE = range(8)
 
 
 @njit(**INLINED)
@@ -90,19 +105,11 @@ def expand(
     tail : size of its last terms, as a share of the largest; 0 where it has converged, NaN where it is not finite
     """
     n = state.y.size
-    a, depth, rate, force, power = (
-        contact[MODES:],
-        contact[DEPTH],
-        contact[RATE],
-        contact[FORCE],
-        contact[POWER],
-    )
-    own = contact[WITNESS]
+    a, depth, rate, force = contact[MODES:], contact[DEPTH], contact[RATE], contact[FORCE]
     pressed = 1.0 if state.counters[REGIME] == COMPRESSION else 0.0
     stiffness = law.stiffness if contact[KNOWN, STIFF] != 0 else 0.0  # of d^n, where that has its part
     loss = loss_at(law, state.clock[CLOSING])
-    exponent, damping = law.exponent, law.damping
-    flat = exponent == 1.0
+    damping = law.damping
     per_step, square, turn = 1.0 / step, step * step, omega * step
     c, s = math.cos(omega * time), math.sin(omega * time)
     wc, ws = regimes.witness[FREE, 0], regimes.witness[FREE, 1]
@@ -121,25 +128,14 @@ def expand(
         depth[0] = 0.0  # but for rounding
     deepest = spread = abs(depth[1])
     spread_of_rate = 0.0
-    per_depth = 1.0 / depth[0] if depth[0] > 0.0 else 0.0
     small, order, tail, before = 0, ORDER, 0.0, 0.0
-    plain, weighted = 0.0, 0.0  # sums over j of p_j d_(k - j) and j p_j d_(k - j), p = d^n, up to p_(k - 1)
     for k in range(ORDER - 1):
         rate[k] = (k + 1) * per_step * depth[k + 1]
         value = damping * rate[k]
-        if flat:
-            power[k] = depth[k]
+        if stiffness > 0.0:
             value += stiffness * depth[k]
             if loss > 0.0:  # d d' = (d^2)' / 2
                 value += 0.5 * stiffness * loss * per_step * (k + 1) * square_term(depth, k)
-        elif stiffness > 0.0:
-            if k == 0:
-                power[0] = depth[0] ** exponent
-            else:  # d p' = n p d'
-                power[k] = (exponent * plain - (exponent + 1.0) * _RECIPROCAL[k] * weighted) * per_depth
-            own[k] = k * power[k]
-            plain, weighted = convolutions(power, own, depth, k)
-            value += stiffness * (power[k] + loss * per_step * ((k + 1) * plain - weighted))
         force[k] = value
         value *= pressed
         drive, drive_next = drive_next, -turn * turn * _INVERSE[k] * drive
@@ -173,7 +169,7 @@ def expand(
                     max(term / largest if largest > 0.0 else 0.0, deep / deepest if deepest > 0.0 else 0.0),
                 )
     for k in range(order - 1, ORDER + 1):
-        rate[k], force[k], power[k] = 0.0, 0.0, 0.0
+        rate[k], force[k] = 0.0, 0.0
     for k in range(order + 1, ORDER + 1):
         depth[k] = 0.0
     contact[KNOWN, LAST], contact[KNOWN, SPREAD], contact[KNOWN, SPREAD_OF_RATE] = order, spread, spread_of_rate
@@ -184,34 +180,37 @@ def expand(
 
 @njit(**WITHIN)
 def expand_contact(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> tuple[float, float]:
-    """Write the series over a step in contact, of `crossing` or of `expand`.
+    """Write the series over a step in contact, of `crossing`, of `fictitious_time` or of `expand`.
 
     Returns
     -------
     tail : of `expand`; that of `crossing` is 0, NaN where it is not finite
-    ratio : of the length over which the series hold to the step
+    ratio : of the length over which the series hold to the step, in the variable of the series
     """
     regimes, law, omega, loaded = problem.regimes, problem.compliance, problem.omega, problem.collocated
-    if w.contact[KNOWN, CROSSING] != 0:
-        loss = loss_at(law, state.clock[CLOSING])
+    loss = loss_at(law, state.clock[CLOSING])
+    if w.contact[KNOWN, SERIES] == LATTICE:
         ratio = expand_about_crossing(
             regimes, law, loss, omega, loaded, w.load, w.added, state, time, step, w.lattice, w.last
         )
         return (0.0 if math.isfinite(ratio) else math.nan), ratio
-    tail = expand(regimes, law, omega, loaded, w.load, w.added, state, time, step, w.contact)
+    if w.contact[KNOWN, SERIES] == FICTITIOUS:
+        tail = expand_in_fictitious_time(regimes, law, loss, omega, loaded, state, time, step, w)
+    else:
+        tail = expand(regimes, law, omega, loaded, w.load, w.added, state, time, step, w.contact)
     return tail, 0.9 * (TRUNCATION / tail) ** (1.0 / (w.contact[KNOWN, LAST] - 1.0)) if tail > 0.0 else 1.0
 
 
 @njit(**WITHIN)
-def rescale(contact: np.ndarray, ratio: float) -> None:
+def rescale(contact: np.ndarray, ratio: float, modes: int) -> None:
     """Let the series hold for a step that is `ratio` times as long, and shorter."""
     contact[KNOWN, SPREAD] *= ratio
     contact[KNOWN, SPREAD_OF_RATE] *= ratio * ratio
     factor = 1.0
     for k in range(int(contact[KNOWN, LAST]) + 1):
-        for row in (DEPTH, RATE, FORCE, POWER):
+        for row in (DEPTH, RATE, FORCE):
             contact[row, k] *= factor
-        for row in range(MODES, contact.shape[0]):
+        for row in range(MODES, MODES + modes):
             contact[row, k] *= factor
         factor *= ratio
 
@@ -240,8 +239,11 @@ def motion_within(
 ) -> None:
     """Write the modal motion at `tau` into the step."""
     contact = w.contact
-    if contact[KNOWN, CROSSING] != 0:
+    if contact[KNOWN, SERIES] == LATTICE:
         motion_about_crossing(law, w.lattice, w.last, step, tau, y, v)
+        return
+    if contact[KNOWN, SERIES] == FICTITIOUS:
+        motion_in_fictitious_time(law, contact, tau, y, v)
         return
     x, order = tau / step, int(contact[KNOWN, LAST])
     for i in range(y.size):
@@ -345,29 +347,16 @@ def end_of_parting(
 def _expand_slopes(problem: Problem, loss: float, w: Scratch) -> None:
     """Write the series of the force's derivatives by the penetration, by its rate and by the loss factor."""
     law = problem.compliance
-    n = law.exponent
-    depth, rate, power = w.contact[DEPTH], w.contact[RATE], w.contact[POWER]
-    by_depth, by_rate, by_loss, lower = w.contact[BY_DEPTH], w.contact[BY_RATE], w.contact[BY_LOSS], w.contact[WITNESS]
-    stiff = w.contact[KNOWN, STIFF] != 0
+    depth, rate = w.contact[DEPTH], w.contact[RATE]
+    by_depth, by_rate, by_loss = w.contact[BY_DEPTH], w.contact[BY_RATE], w.contact[BY_LOSS]
+    stiffness = law.stiffness if w.contact[KNOWN, STIFF] != 0 else 0.0
     for k in range(ORDER + 1):
-        if not stiff:
-            lower[k] = 0.0
-        elif n == 1.0:
-            lower[k] = 1.0 if k == 0 else 0.0
-        elif k == 0:
-            lower[k] = depth[0] ** (n - 1.0)
-        else:
-            total = 0.0
-            for j in range(1, k + 1):
-                total += (n * j - k) * depth[j] * lower[k - j]
-            lower[k] = total / (k * depth[0])
-        by_loss[k], product = 0.0, 0.0
+        by_loss[k] = 0.0
         if loss != 0.0:
             for j in range(k + 1):
-                by_loss[k] += law.stiffness * power[j] * rate[k - j]
-                product += lower[j] * rate[k - j]
-        by_depth[k] = law.stiffness * n * (lower[k] + loss * product)
-        by_rate[k] = law.stiffness * loss * power[k] + (law.damping if k == 0 else 0.0)
+                by_loss[k] += stiffness * depth[j] * rate[k - j]
+        by_depth[k] = stiffness * ((1.0 if k == 0 else 0.0) + loss * rate[k])
+        by_rate[k] = stiffness * loss * depth[k] + (law.damping if k == 0 else 0.0)
 
 
 @njit(**WITHIN)
@@ -388,8 +377,11 @@ def carry_differences(
     """
     regimes, law, n = problem.regimes, problem.compliance, dy.shape[0]
     loss, at = loss_at(law, state.clock[CLOSING]), 0.0
-    if w.contact[KNOWN, CROSSING] != 0:
+    if w.contact[KNOWN, SERIES] == LATTICE:
         carry_about_crossing(problem, state, loss, loss_slope, step, tau, w.lattice, w.last, dy, dv, dspeed)
+        return
+    if w.contact[KNOWN, SERIES] == FICTITIOUS:
+        carry_in_fictitious_time(problem, loss, loss_slope, tau, w.contact, dy, dv, dspeed)
         return
     simple = loss == 0.0 and law.exponent == 1.0
     by_start, by_speed, by_factor = 0.0, 0.0, 0.0  # impulse of the small force, per unit of what it depends on

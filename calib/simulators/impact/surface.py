@@ -14,8 +14,9 @@ from numba import njit
 from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.collocation import collocate, set_given_loads
 from calib.simulators.impact.coordinates import to_coordinates
-from calib.simulators.impact.crossing import rescale_about_crossing, time_about_crossing
+from calib.simulators.impact.crossing import has_series_at_ends, rescale_about_crossing, time_about_crossing
 from calib.simulators.impact.events import note_impact
+from calib.simulators.impact.fictitious_time import expand_force, fictitious, set_pace, shorten, time_at
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import (
     CLOSING,
@@ -32,21 +33,28 @@ from calib.simulators.impact.problem import (
     ImpactState,
     Problem,
 )
-from calib.simulators.impact.scratch import Scratch
-from calib.simulators.impact.series import (
-    CROSSING,
+from calib.simulators.impact.scratch import (
+    BEGAN,
     DEPTH,
     END,
+    FICTITIOUS,
     FORCE,
     HELD,
     KNOWN,
     LAST,
+    LATTICE,
+    PACE,
     RATE,
+    SERIES,
     SMALL,
     SPREAD,
     SPREAD_OF_RATE,
     STIFF,
+    TIME,
     WITNESS,
+    Scratch,
+)
+from calib.simulators.impact.series import (
     end_of_parting,
     expand_contact,
     first_root,
@@ -58,7 +66,11 @@ from calib.simulators.impact.witness import EVENT, FAILED, NO_EVENT, witness
 
 SEPARATION, NO_FORCE, FORCE_AGAIN = 1, 2, 3  # what ends a step in contact
 MAX_SHORTENINGS = 60  # of a step whose series or loads do not hold
-MAX_SHARE_OF_DISTANCE = 0.75  # of the time to d = 0, ahead or behind, that a step takes where n > 1
+MAX_SHARE_OF_DISTANCE = 0.75  # of the fictitious time to d = 0, ahead or behind, where that has no series
+REACH_OF_SERIES = 0.6  # of a step, as a share of the fictitious time to where the series end
+REACH_ABOUT = 2.3  # of the first step in a fictitious time, as a share of what `crossing` takes
+EXIT_SHARE = 3.0  # by which the time to the end of a contact is foreseen, 2 under a force that lasts to the end
+SHARE_BEFORE_END = 0.9  # of the fictitious time to where d = 0, beyond which series of d^n are not relied on
 MAX_TAIL = 1e-6  # of a series that is cut to a shorter step as it is; with a longer one it is made anew
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-15, 1e-12  # of events, as a share of the step: less does not show in it
 MAX_CONTACT_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
@@ -88,33 +100,86 @@ def _penetration(problem: Problem, state: ImpactState, time: float, step: float,
 
 
 @njit(**INLINED)
+def _set_pace_within(law: Compliance, loss: float, depth: float, rate: float, age: float, contact: np.ndarray) -> float:
+    """Write the rate of time over a step from a penetration that moves so; the length of the step [s] is returned.
+
+    The fictitious time is a part of that x in which the whole contact, of length T, is t = T (3 x^2 - 2 x^3). Beside
+    x = 0 and 1, its beginning is at x = 1.5 too, and its end at -0.5.
+
+    Parameters
+    ----------
+    age : time since the contact began, NaN where that is not known  [s]
+    """
+    n, whole = law.exponent, has_series_at_ends(law)
+    frequency = math.sqrt(law.stiffness) * depth ** (0.5 * (n - 1.0))
+    angle = math.atan2(frequency * depth, rate)
+    if not age > 0.0:
+        age = angle / frequency
+    if rate >= 0.0:
+        left = (math.pi - angle) / frequency
+    else:
+        pressing = max(0.0, frequency * frequency * depth * (1.0 + loss * rate) + law.damping * rate)
+        left = 2.0 * depth / (math.sqrt(rate * rate + 4.0 * pressing * depth / EXIT_SHARE) - rate)
+    whole_time = age + left
+    x = 0.5 - math.sin(math.asin(1.0 - 2.0 * age / whole_time) / 3.0)
+    way = REACH_OF_SERIES * min(x + 0.5, 1.5 - x)
+    if not whole:
+        way = min(way, MAX_SHARE_OF_DISTANCE * min(x, 1.0 - x))
+    way = min(way, 1.0 - x)
+    pace = 6.0 * whole_time * way
+    return set_pace(contact, pace * x * (1.0 - x), pace * way * (1.0 - 2.0 * x), -pace * way * way)
+
+
+@njit(**INLINED)
 def _step_within_power(problem: Problem, state: ImpactState, time: float, reach: float, w: Scratch) -> float:
-    """Length of the next step [s] under a force with n > 1; it is written whether d^n has its part in the force."""
-    step = min(reach, min(problem.compliance.step, _longer(w, 1.5)))
+    """Length of the next step [s] under a force with n > 1; it is written which series serve."""
+    law, contact = problem.compliance, w.contact
+    longest = min(reach, law.step)
     if problem.collocated:
-        set_given_loads(problem, state, time, step, w)
-    depth, rate = _penetration(problem, state, time, step, w)
-    small, hit = w.contact[KNOWN, SMALL], state.counters[TOUCH] == HIT
+        longest = min(longest, _longer(w, 1.5))
+        set_given_loads(problem, state, time, longest, w)
+    depth, rate = _penetration(problem, state, time, longest, w)
+    small, hit = contact[KNOWN, SMALL], state.counters[TOUCH] == HIT
+    loss, step = loss_at(law, state.clock[CLOSING]), math.inf
     if hit or small == 0.0:
         _, _, second, _ = witness(
-            problem.regimes, FREE, state.y, state.v, problem.omega, time, problem.collocated, w.load, w.added, step,
+            problem.regimes, FREE, state.y, state.v, problem.omega, time, problem.collocated, w.load, w.added, longest,
             0.0, 0.0,
         )  # fmt: skip
-        small = time_of_small_force(problem.compliance, abs(rate), abs(second) if rate >= 0.0 else 0.0)
-        w.contact[KNOWN, SMALL] = small
+        small = time_of_small_force(law, abs(rate), abs(second) if rate >= 0.0 else 0.0)
+        contact[KNOWN, SMALL] = small
+        contact[KNOWN, BEGAN] = time if hit else math.nan
         if hit:
-            loss = loss_at(problem.compliance, state.clock[CLOSING])
-            about = time_about_crossing(problem.compliance, loss, rate, second)
-            if about > small:
-                w.contact[KNOWN, CROSSING] = 1.0
-                return min(reach, min(problem.compliance.step, about))
-    if hit:
-        depth = 0.0
-    distance = depth / abs(rate) if rate != 0.0 else (math.inf if depth > 0.0 else 0.0)
-    w.contact[KNOWN, STIFF] = distance >= small
-    if distance >= small:
-        return min(step, MAX_SHARE_OF_DISTANCE * distance)
-    return min(step, small if rate >= 0.0 else 4.0 * distance)
+            depth = 0.0
+            step = time_about_crossing(law, loss, rate, second)
+            if step > small:
+                contact[KNOWN, SERIES] = FICTITIOUS if has_series_at_ends(law) else LATTICE
+                if contact[KNOWN, SERIES] == LATTICE:
+                    return min(longest, step)
+                step = set_pace(contact, 0.0, 2.0 * REACH_ABOUT * step, 0.0)
+    if contact[KNOWN, SERIES] == TIME:
+        distance = depth / abs(rate) if rate != 0.0 else (math.inf if depth > 0.0 else 0.0)
+        if distance < small:
+            contact[KNOWN, STIFF] = 0.0
+            return min(longest, small if rate >= 0.0 else 4.0 * distance)
+        contact[KNOWN, SERIES] = FICTITIOUS
+        age = time - contact[KNOWN, BEGAN]
+        step = _set_pace_within(law, loss, depth, rate, age if age >= 0.0 else age + problem.period, contact)
+    if step > longest:
+        shorten(contact, fictitious(contact, longest), state.y.size, False)
+        return longest
+    return step
+
+
+@njit(**INLINED)
+def _stays_positive(step: float, contact: np.ndarray) -> bool:
+    """Whether the penetration falls all along the step, and does not come to zero."""
+    if contact[RATE, 0] + contact[KNOWN, SPREAD_OF_RATE] / step >= 0.0:
+        return False
+    end = 0.0
+    for k in range(int(contact[KNOWN, LAST]) + 1):
+        end += contact[DEPTH, k]
+    return end > 0.0
 
 
 @njit(**WITHIN)
@@ -125,11 +190,13 @@ def _first_event(
     touch = state.counters[TOUCH]
     pressed = state.counters[REGIME] == COMPRESSION
     order, own = int(contact[KNOWN, LAST]), contact[WITNESS]
-    resolution = max(min(resolution / step, MAX_RESOLUTION), MIN_RESOLUTION)
+    resolution = max(min(0.5 * resolution / step, MAX_RESOLUTION), MIN_RESOLUTION)
     by_separation, by_force, jumps, more = math.inf, math.inf, 0, 0
     if not pressed or law.damping == 0.0:
         begin = 1 if touch == HIT and contact[DEPTH, 0] == 0.0 else 0
-        if begin == 1 or contact[DEPTH, 0] <= contact[KNOWN, SPREAD]:
+        if contact[KNOWN, SERIES] == FICTITIOUS and contact[KNOWN, PACE] == 0.0:
+            begin = 2
+        if begin > 0 or (contact[DEPTH, 0] <= contact[KNOWN, SPREAD] and not _stays_positive(step, contact)):
             by_separation, jumps = first_root(contact[DEPTH], begin, order, resolution)
     loss = loss_at(law, state.clock[CLOSING])
     if law.damping > 0.0 and not pressed and law.exponent != 1.0:
@@ -137,6 +204,8 @@ def _first_event(
         by_force, more = end_of_parting(law, begins, min(1.0, by_separation), resolution, step, contact)
     elif law.damping > 0.0:
         sign = 1.0 if pressed else -1.0
+        if contact[KNOWN, SERIES] == FICTITIOUS:
+            expand_force(law, contact)
         for k in range(order + 1):
             own[k] = sign * contact[FORCE, k]
         begin = 1 if touch == RELEASED or (touch == HIT and own[0] <= 0.0) else 0
@@ -162,38 +231,45 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     """
     law, time = problem.compliance, state.clock[0]
     pressed = state.counters[REGIME] == COMPRESSION
-    w.contact[KNOWN, STIFF], w.contact[KNOWN, CROSSING] = pressed or law.exponent == 1.0, 0.0
+    w.contact[KNOWN, STIFF], w.contact[KNOWN, SERIES] = pressed or law.exponent == 1.0, TIME
     step = min(reach, law.step if pressed else law.free_step)
     if pressed and law.exponent != 1.0:
         step = _step_within_power(problem, state, time, reach, w)
     elif pressed and law.loss > 0.0:
         step = min(step, _longer(w, 1.2))
-    shortenings, retakes = 0, 0
+    n, shortenings, retakes = state.y.size, 0, 0
+    about, regularised = w.contact[KNOWN, SERIES] == LATTICE, w.contact[KNOWN, SERIES] == FICTITIOUS
     while shortenings <= MAX_SHORTENINGS:
         state.counters[STEPS] += 1
         holds = collocate(problem, state.counters[REGIME], state, time, step, w) if problem.collocated else True
         tail, ratio = expand_contact(problem, state, time, step, w)
         if not math.isfinite(tail):  # over so long a step the series grow beyond bounds, or the loads made of them
             shortenings += 1
-            step *= 0.5
+            step = shorten(w.contact, 0.5, n, False) if regularised else 0.5 * step
             continue
-        about = w.contact[KNOWN, CROSSING] != 0
         if ratio < 1.0 or not holds:
             shortenings += 1
             ratio = ratio if ratio < 1.0 else 0.5
-            step *= ratio
-            if problem.collocated or tail > MAX_TAIL or (about and ratio < 0.5):
+            anew = problem.collocated or (tail > MAX_TAIL and not regularised) or (about and ratio < 0.5)
+            step = shorten(w.contact, ratio, n, not anew) if regularised else ratio * step
+            if anew:
                 continue
             if about:
                 rescale_about_crossing(law, w.lattice, w.last, ratio)
-            else:
-                rescale(w.contact, ratio)
+            elif not regularised:
+                rescale(w.contact, ratio, n)
         if about:  # the penetration grows all along
             w.contact[KNOWN, HELD] = step
             return NO_EVENT, step, step
         at = _first_event(law, state, step, problem.resolution, problem.lift, w.contact)
         if math.isnan(at):
             return FAILED, 0.0, step
+        if regularised and at <= 1.0 and w.contact[KNOWN, END] == SEPARATION:
+            shortenings += 1
+            step = shorten(w.contact, SHARE_BEFORE_END * at, n, not problem.collocated)
+            if problem.collocated:
+                continue
+            at = math.inf
         if pressed and shortenings > 0:
             w.contact[KNOWN, HELD] = step
         elif pressed:
@@ -201,12 +277,16 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
         if at > 1.0:
             return NO_EVENT, step, step
         kind = w.contact[KNOWN, END]
-        immediate = at * step <= problem.resolution  # a step as short as that might not show the event anew
+        tau = time_at(w.contact, at) if regularised else at * step
+        immediate = tau <= problem.resolution  # a step as short as that might not show the event anew
         if problem.counts[FORCE_LAWS] == 0 or retakes == MAX_CONTACT_RETAKES or immediate or at > 1.0 - 1e-9:
-            return EVENT, at * step, step
+            return EVENT, tau, step
         retakes += 1
         w.contact[KNOWN, END] = kind
-        step = step * min(1.0, at + 1e-10)  # within a step the laws' loads are of lower order than at its end
+        ratio = min(1.0, at + 1e-10)
+        step = (
+            shorten(w.contact, ratio, n, False) if regularised else ratio * step
+        )  # within a step the laws' loads are of lower order than at its end
     return FAILED, 0.0, step
 
 
