@@ -2,13 +2,16 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+
+from calib.diagnosis.discovery.left_out import LeftOutMisfit
 from calib.diagnosis.discovery.summary import explained_share, summary_of
 from calib.diagnosis.discovery.trial import OF_DISPLACEMENT, OF_STATE, OF_VELOCITY, ForceTrial
 
 
 def trial(arguments, deviance, name="mass"):
     place = SimpleNamespace(name=name, preposition="on", in_words=str)
-    return ForceTrial(place, arguments, SimpleNamespace(), SimpleNamespace(deviance=deviance))
+    return ForceTrial(place, arguments, SimpleNamespace(), LeftOutMisfit(("r",), np.array([deviance]), 100))
 
 
 def test_models_that_tie_and_a_misfit_that_is_left_are_told():
@@ -25,6 +28,16 @@ def test_models_that_tie_and_a_misfit_that_is_left_are_told():
     )
     alone = summary_of(chosen, [chosen], [], (400.0, -3.0), SimpleNamespace(deviance=500.0), None)
     assert alone.endswith("100% of the excess chi-square; predictive deviance of left-out records 500 to 90")
+
+
+def test_of_a_model_that_predicts_better_and_fits_no_better_it_is_not_said_that_the_simpler_one_predicts_as_well():
+    chosen, both = trial((OF_VELOCITY,), 8.4e5), trial((OF_DISPLACEMENT, OF_VELOCITY), 7.7e5)
+    told = summary_of(chosen, [chosen, both], [], (400.0, 100.0), SimpleNamespace(deviance=1e7), None)
+    assert "as well as" not in told
+    assert told.endswith(
+        "A function of displacement + function of velocity predicts better, but fits all records no better, so that it "
+        "is not taken"
+    )
 
 
 def test_a_surface_is_less_simple_than_a_sum():
