@@ -11,6 +11,7 @@ from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.score import variance_along
 
+MIN_POINTS_PER_PARAMETER = 4  # of a sweep in which calibrated parameters may be its own  [count]
 MIN_SEGMENTS = 20  # of a record, whose scores count as independent  [count]
 
 
@@ -80,10 +81,15 @@ class Part:
         return np.array([noise.coloured(block.T, weight).T for noise, block, weight in blocks])
 
     def by_sweep(self, columns: np.ndarray) -> np.ndarray:
-        """Whitened columns (row * n, k) of what changes one sweep alone, of each sweep (row * n, k * sweep)."""
+        """Whitened columns (row * n, k) of what changes one sweep alone, of each long enough (row * n, k * sweep).
+
+        Of a sweep of few points, as where the level is stepped at a frequency, they would leave nothing.
+        """
         plain = self.restored(columns)
         sweep = np.zeros(0) if self.sweep is None else self.sweep
-        alone = [plain * (sweep == number)[:, None] for number in np.unique(sweep)]
+        numbers, points = np.unique(sweep, return_counts=True)
+        long = numbers[points >= MIN_POINTS_PER_PARAMETER * plain.shape[2]]
+        alone = [plain * (sweep == number)[:, None] for number in long]
         own = [self.white(one[:, :, k]) for one in alone for k in range(plain.shape[2])]
         return np.column_stack(own) if own else np.zeros((len(columns), 0))
 

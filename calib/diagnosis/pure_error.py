@@ -33,8 +33,8 @@ def pure_errors(
     measured, residual, weight : (row, n)
     stated : standard deviation of the noise; None where the record states none  [unit of the rows]
     """
-    pairs = zip(residual, weight, strict=True)
-    errors, free = np.stack([recursive_residuals(own, w, replicates(record)) for own, w in pairs], axis=1)
+    group, pairs = replicates(record), zip(residual, weight, strict=True)
+    errors, free = np.stack([recursive_residuals(own, w, group) for own, w in pairs], axis=1)
     profiles: Sequence[np.ndarray | float] = [1.0] * len(rows)
     if stated is None:
         left = Remainder(errors, errors, np.zeros((len(rows), 1, 1)), np.zeros(errors.shape))

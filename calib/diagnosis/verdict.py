@@ -121,7 +121,7 @@ def _reservation(ready: Prepared) -> str:
     if not shares:
         return ""
     return (
-        f"; but the noise, up to {100.0 * max(shares):.2g} % of the rms of a channel, is taken from the residual, "
+        f"; but the noise, up to {100.0 * max(shares):.3g} % of the rms of a channel, is taken from the residual, "
         "which is correlated, and may as well be an effect that no candidate resembles: state the uncertainty of the "
         "records, or repeat them"
     )

@@ -3,10 +3,11 @@
 import numpy as np
 import xarray as xr
 
-from calib.records import stated_period
+from calib.records import channels, stated_period
 
+MAX_SAMPLES = 20_000  # from the beginning of a record, by which it is judged  [count]
 MIN_STATED_PERIODS = 4.0  # of the stated excitation, from which two frequencies are told apart
-MAX_STATED_PERIODS = 5  # periods of the stated excitation, up to which a motion may repeat
+MAX_STATED_PERIODS = 5  # periods of the stated excitation, up to which a motion may repeat; half of the record at most
 REPETITION_ORDERS = 12  # harmonics of a repeating motion
 MAX_OTHER_SHARE = 0.1  # of the variance that the record's own frequency leaves
 MIN_STATED_SHARE = 0.5  # of the variance that the stated frequency leaves
@@ -25,15 +26,16 @@ def other_frequency(record: xr.Dataset) -> float | None:
     record : with the dimensions body and time
     """
     period = stated_period(record)
-    time = record.time.values - record.time.values[0]
+    time = record.time.values[:MAX_SAMPLES] - record.time.values[0]
     if period is None or time[-1] < MIN_STATED_PERIODS * period:
         return None
-    name = "displacement" if "displacement" in record else next(iter(record.data_vars))
-    rows = record[name].transpose("body", "time").values
+    name = "displacement" if "displacement" in record else channels(record)[0]
+    rows = record[name].transpose("body", "time").values[:, :MAX_SAMPLES]
     rows = (rows - rows.mean(axis=1, keepdims=True)).T
     if not rows.any():
         return None
-    left = min(_left(rows, time, 1.0 / (n * period), n * REPETITION_ORDERS) for n in range(1, MAX_STATED_PERIODS + 1))
+    most = min(MAX_STATED_PERIODS, int(time[-1] / (2.0 * period)))
+    left = min(_left(rows, time, 1.0 / (n * period), n * REPETITION_ORDERS) for n in range(1, most + 1))
     if left < MIN_STATED_SHARE:
         return None
     found = _largest_line(rows, time)

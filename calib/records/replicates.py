@@ -10,8 +10,8 @@ import xarray as xr
 from calib.records.response import complex_amplitude, sweeps
 
 SAME_LEVEL_RATIO = 1.05  # of the median levels of two sweeps at the same level  [1]
-MAX_STEPS = 0.5  # between the frequencies of replicates, over the median step of the coarser sweep  [1]
-MAX_DEPARTURE = 0.5  # of two amplitudes, over the rms amplitude of their sweeps: beyond it they are of two branches
+MAX_STEPS = 0.1  # between the frequencies of replicates, over the median step of the coarser sweep  [1]
+MAX_DEPARTURE = 0.5  # of the amplitudes of all bodies, over their rms: beyond it two points are of two branches
 
 
 def replicates(record: xr.Dataset) -> np.ndarray:
@@ -33,8 +33,8 @@ def replicates(record: xr.Dataset) -> np.ndarray:
         again, before = _matched(frequency[points], frequency[base])
         again, before = points[again], base[before]
         both = np.concatenate([points, base])
-        rms = np.sqrt(np.mean(np.abs(amplitude[:, both]) ** 2, axis=1, keepdims=True))
-        near = (np.abs(amplitude[:, again] - amplitude[:, before]) <= MAX_DEPARTURE * rms).all(axis=0)
+        rms = np.sqrt(np.mean(np.linalg.norm(amplitude[:, both], axis=0) ** 2))
+        near = np.linalg.norm(amplitude[:, again] - amplitude[:, before], axis=0) <= MAX_DEPARTURE * rms
         group[again[near]] = group[before[near]]
     return group
 
@@ -46,9 +46,16 @@ def _ratio(one: float, other: float) -> float:
 
 def _matched(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Indices of frequencies of two sweeps that are nearest to each other and no farther than MAX_STEPS apart."""
-    apart = np.abs(one[:, None] - other)
-    nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
+    nearest, back = _nearest(one, other), _nearest(other, one)
     steps = [float(np.median(np.abs(np.diff(own)))) for own in (one, other) if own.size > 1]
     own = np.arange(one.size)
-    close = (back[nearest] == own) & (apart[own, nearest] <= MAX_STEPS * max(steps, default=0.0))
+    close = (back[nearest] == own) & (np.abs(one - other[nearest]) <= MAX_STEPS * max(steps, default=0.0))
     return own[close], nearest[close]
+
+
+def _nearest(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Index (n,) of the nearest of `other` to each of `one` (n,)."""
+    order = np.argsort(other)
+    at = np.searchsorted(other[order], one)
+    low, high = order[np.maximum(at - 1, 0)], order[np.minimum(at, other.size - 1)]
+    return np.where(np.abs(other[low] - one) <= np.abs(other[high] - one), low, high)

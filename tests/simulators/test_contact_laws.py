@@ -111,7 +111,7 @@ def test_the_restitution_of_a_loss_obeys_its_equation(x):
 
 
 @compiled
-@pytest.mark.parametrize("exponent", [1.0, 1.25, 1.5])
+@pytest.mark.parametrize("exponent", [1.0, 1.25, 1.5, 2.0, 3.0])
 @pytest.mark.parametrize("speed", [1.0, 0.1])
 def test_a_loss_free_impact_lasts_the_contact_time_at_a_metre_a_second(exponent, speed):
     record = thrown("hunt_crossley", speed, hunt_crossley=0.0, contact_time=2e-3, contact_exponent=exponent)

@@ -37,9 +37,8 @@ def summary_of(
     rms : of the whitened residual that it leaves, where that is more than noise  [1]
     """
     further = [t for t in tied if t is not chosen and t.body == chosen.body]
-    better, others = (
-        [described(t.arguments, t.place) for t in further if t.predicts_better(chosen) is so] for so in (True, False)
-    )
+    better = [t for t in further if t.predicts_better(chosen)]
+    others = [described(t.arguments, t.place) for t in further if t not in better]
     text = (
         f"a force {chosen.place.preposition} {chosen.body} is missing: a {described(chosen.arguments, chosen.place)} "
         f"explains {explained_share(*excess):.0%} of the excess chi-square; "
@@ -47,8 +46,9 @@ def summary_of(
     )
     if others:
         text += f". It predicts as well as a {', a '.join(others)}"
-    if better:
-        text += f". A {', a '.join(better)} predicts better, but fits all records no better, so that it is not taken"
+    for trial in better:
+        why = "fits all records no better" if chosen.stands_for(trial) else "is less simple"
+        text += f". A {described(trial.arguments, trial.place)} predicts better, but {why}, so that it is not taken"
     if rivals:
         where = ", or ".join(f"{place.preposition} {place.name}" for place in rivals)
         text += f". A force {where} predicts as well"

@@ -18,7 +18,7 @@ STEPS_PER_PERIOD = 48  # where loads are collocated, of order 8; fewer do not re
 EVENT_TOLERANCE = 1e-11  # of the time of an event, over the highest angular frequency  [1]
 LIFT_TIME = 2.5e-4  # flight after a release without event search, over the highest angular frequency  [1]
 STICKING_HEIGHT = 1e-12  # share of the motion's scale below which a rebound sticks
-MAX_LINEAR_ANGLE, MAX_ANGLE = 3.0, 1.0  # of the highest frequency over a step in a linear contact, in another  [rad]
+MAX_LINEAR_ANGLE, MAX_ANGLE = 3.0, 1.0  # of the highest frequency over a step: in contact; where n = 1 with loss [rad]
 MIN_SPEED_SHARE = 1e-3  # of the motion's scale of speed: slower impacts count as that in a loss over their speed  [1]
 DIVERGENCE_FACTOR = 1e6  # times its scale, a motion counts as diverged
 
@@ -156,8 +156,8 @@ def _compliance(
     """Return the contact as the kernel takes it, its force along the jump of the velocities at a rigid impact."""
     if contact is None or stop is None:
         return RIGID
-    by_itself = contact.exponent != 1.0 or contact.loss == 0.0
-    reach = MAX_LINEAR_ANGLE if by_itself else MAX_ANGLE
+    lossy = contact.exponent == 1.0 and contact.loss != 0.0
+    reach = MAX_ANGLE if lossy else MAX_LINEAR_ANGLE
     return Compliance(
         stiffness=contact.stiffness,
         exponent=contact.exponent,

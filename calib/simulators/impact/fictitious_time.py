@@ -1,8 +1,9 @@
 """Motion under a force with a power of the penetration, as Taylor series in a fictitious time.
 
 A power d^n with n > 1 has no series in time about d = 0, and near there only short ones. Over a step from s = 0 to 1
-the time goes as a polynomial of s whose rate is zero where a contact begins and where it is expected to end: with 2 n
-whole the motion has series in s up to there and beyond. The rate is one of the second degree, so that
+the time goes as a polynomial of s whose rate is zero where a contact begins and, over later steps, where it is
+expected to end: with 2 n whole the motion has series in s up to there and beyond. The rate is one of the second degree,
+so that
 
     y' = rate v,    v' = rate (f - 2 decay v - stiffness y)
 
@@ -39,11 +40,11 @@ from calib.simulators.impact.scratch import (
     RATE,
     SPREAD,
     SPREAD_OF_RATE,
+    TRUNCATION,
     WITNESS,
     Scratch,
 )
 
-SMALLEST_TERM = 1e-13  # terms below that share of the largest are left out
 LEAST_MODAL = 1e-14  # terms of the modes beside the force, as a share of the largest, after which they end
 FIRST_END = 8  # order before which the series do not end, so that the force has entered
 MAX_INVERSIONS = 60  # steps of Newton and of bisection for the fictitious time
@@ -240,7 +241,7 @@ def expand_in_fictitious_time(
         largest, fastest = max(largest, term), max(fastest, deep)
         if k == 1:
             largest_begins, fastest_begins = largest, fastest
-        if term <= SMALLEST_TERM * largest and deep <= SMALLEST_TERM * fastest and k + 1 >= first_end:
+        if term <= TRUNCATION * largest and deep <= TRUNCATION * fastest and k + 1 >= first_end:
             small += 1
             if small == window:
                 order = k + 1
@@ -322,7 +323,7 @@ def carry_in_fictitious_time(
     dv: np.ndarray,
     dspeed: np.ndarray,
 ) -> None:
-    """Carry differences by `tau` into the step, as `series.carry_differences` does."""
+    """Carry differences by `tau` into the step, as `series.carry_differences` does; the power's series are lost."""
     regimes, law, n = problem.regimes, problem.compliance, dy.shape[0]
     _expand_derivatives_of_force(law, loss, contact)
     by_depth, by_rate, by_loss = contact[BY_DEPTH], contact[BY_RATE], contact[BY_LOSS]

@@ -7,6 +7,7 @@ import numpy as np
 from calib.modelling.laws import SLOTS, STATES
 
 ORDER = 40  # highest, of the Taylor series of the motion in a compliant contact
+TRUNCATION = 1e-13  # terms of the series below that share of the largest are left out
 BRANCHES, TERMS = 12, 16  # at most, of its double series from the crossing on
 COMPOSED = 13  # terms of the polynomials of the loads in a fictitious time
 # rows of `Scratch.contact`: series of the penetration, its rate, the force and what these are made of; what is known of
@@ -44,7 +45,7 @@ class Scratch(NamedTuple):
     v: np.ndarray
     q: np.ndarray  # (n,) coordinates
     dq: np.ndarray
-    contact: np.ndarray  # (11 + 3 n, ORDER + 1) of a compliant contact, see `series`; None where the stop is rigid
+    contact: np.ndarray  # (MODES + 3 n, ORDER + 1) of a compliant contact, rows as above; None where the stop is rigid
     lattice: np.ndarray  # (8 + n, BRANCHES, TERMS) of the same, see `crossing`; None as `contact`
     last: np.ndarray  # (BRANCHES + 1,) last terms of its branches, and their number
     composed: np.ndarray  # (5, COMPOSED) series in a fictitious time of the powers of tau / step
@@ -57,7 +58,7 @@ def scratch(n: int, compliant: bool = False) -> Scratch:
         np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
         np.zeros((SLOTS, n + 1, STATES, 6)), np.zeros((SLOTS, n + 1, STATES, 6)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
-        np.zeros((11 + 3 * n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
+        np.zeros((MODES + 3 * n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
         np.zeros((8 + n, BRANCHES, TERMS)) if compliant else None,  # type: ignore[arg-type]
         np.zeros(BRANCHES + 1, dtype=np.int64), np.zeros((5, COMPOSED)),
     )  # fmt: skip

@@ -50,14 +50,14 @@ from calib.simulators.impact.scratch import (
     SPREAD,
     SPREAD_OF_RATE,
     STIFF,
+    TRUNCATION,
     WITNESS,
     Scratch,
 )
 
-TRUNCATION = 1e-13  # terms of the series below that share of the largest are left out
 MAX_SERIES_JUMPS = 10_000  # over a step before its zero is given up
 MIN_ORDER = 6  # so that the polynomials of the loads have entered
-SMALL_CHANGE = 1e-8  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
+SMALL_CHANGE = 1e-9  # of velocity, as a share of it, up to which the force next to d = 0 acts as if that were constant
 _INVERSE = np.array([1.0 / ((k + 1) * (k + 2)) for k in range(ORDER)])
 
 

@@ -66,12 +66,12 @@ from calib.simulators.impact.witness import EVENT, FAILED, NO_EVENT, witness
 
 SEPARATION, NO_FORCE, FORCE_AGAIN = 1, 2, 3  # what ends a step in contact
 MAX_SHORTENINGS = 60  # of a step whose series or loads do not hold
-MAX_SHARE_OF_DISTANCE = 0.75  # of the fictitious time to d = 0, ahead or behind, where that has no series
+MAX_SHARE_OF_DISTANCE = 0.75  # of the fictitious time to d = 0: the end may come later than foreseen
 REACH_OF_SERIES = 0.6  # of a step, as a share of the fictitious time to where the series end
 REACH_ABOUT = 2.3  # of the first step in a fictitious time, as a share of what `crossing` takes
 EXIT_SHARE = 3.0  # by which the time to the end of a contact is foreseen, 2 under a force that lasts to the end
 SHARE_BEFORE_END = 0.9  # of the fictitious time to where d = 0, beyond which series of d^n are not relied on
-MAX_TAIL = 1e-6  # of a series that is cut to a shorter step as it is; with a longer one it is made anew
+MAX_TAIL = 1e-6  # of a series in time that is cut to a shorter step as it is; with a longer one it is made anew
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-15, 1e-12  # of events, as a share of the step: less does not show in it
 MAX_CONTACT_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
 
@@ -104,7 +104,8 @@ def _set_pace_within(law: Compliance, loss: float, depth: float, rate: float, ag
     """Write the rate of time over a step from a penetration that moves so; the length of the step [s] is returned.
 
     The fictitious time is a part of that x in which the whole contact, of length T, is t = T (3 x^2 - 2 x^3). Beside
-    x = 0 and 1, its beginning is at x = 1.5 too, and its end at -0.5.
+    x = 0 and 1, its beginning is at x = 1.5 too, and its end at -0.5. A step does not go to x = 1: where the end comes
+    a little later, d^(n - 1) and with it the derivatives of the motion have no series that reaches there.
 
     Parameters
     ----------
@@ -123,9 +124,7 @@ def _set_pace_within(law: Compliance, loss: float, depth: float, rate: float, ag
     whole_time = age + left
     x = 0.5 - math.sin(math.asin(1.0 - 2.0 * age / whole_time) / 3.0)
     way = REACH_OF_SERIES * min(x + 0.5, 1.5 - x)
-    if not whole:
-        way = min(way, MAX_SHARE_OF_DISTANCE * min(x, 1.0 - x))
-    way = min(way, 1.0 - x)
+    way = min(way, MAX_SHARE_OF_DISTANCE * (1.0 - x if whole else min(x, 1.0 - x)))
     pace = 6.0 * whole_time * way
     return set_pace(contact, pace * x * (1.0 - x), pace * way * (1.0 - 2.0 * x), -pace * way * way)
 
@@ -190,6 +189,7 @@ def _first_event(
     touch = state.counters[TOUCH]
     pressed = state.counters[REGIME] == COMPRESSION
     order, own = int(contact[KNOWN, LAST]), contact[WITNESS]
+    # a fictitious time goes at most twice as fast as on average
     resolution = max(min(0.5 * resolution / step, MAX_RESOLUTION), MIN_RESOLUTION)
     by_separation, by_force, jumps, more = math.inf, math.inf, 0, 0
     if not pressed or law.damping == 0.0:

@@ -11,7 +11,8 @@ from calib.diagnosis.discovery.trial import OF_DISPLACEMENT, OF_STATE, OF_VELOCI
 
 def trial(arguments, deviance, name="mass"):
     place = SimpleNamespace(name=name, preposition="on", in_words=str)
-    return ForceTrial(place, arguments, SimpleNamespace(), LeftOutMisfit(("r",), np.array([deviance]), 100))
+    fitted = SimpleNamespace(fit=SimpleNamespace(chi2=100.0), effective_parameters=len(arguments), dispersion=1.0)
+    return ForceTrial(place, arguments, fitted, LeftOutMisfit(("r",), np.array([deviance]), 100))
 
 
 def test_models_that_tie_and_a_misfit_that_is_left_are_told():
@@ -32,11 +33,13 @@ def test_models_that_tie_and_a_misfit_that_is_left_are_told():
 
 def test_of_a_model_that_predicts_better_and_fits_no_better_it_is_not_said_that_the_simpler_one_predicts_as_well():
     chosen, both = trial((OF_VELOCITY,), 8.4e5), trial((OF_DISPLACEMENT, OF_VELOCITY), 7.7e5)
-    told = summary_of(chosen, [chosen, both], [], (400.0, 100.0), SimpleNamespace(deviance=1e7), None)
+    surface = trial((OF_STATE,), 7.9e5)
+    told = summary_of(chosen, [chosen, both, surface], [], (400.0, 100.0), SimpleNamespace(deviance=1e7), None)
     assert "as well as" not in told
     assert told.endswith(
         "A function of displacement + function of velocity predicts better, but fits all records no better, so that it "
-        "is not taken"
+        "is not taken. A surface over displacement and velocity predicts better, but is less simple, so that it is not "
+        "taken"
     )
 
 
