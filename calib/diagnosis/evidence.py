@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.criteria import CRITERIA
@@ -50,13 +51,7 @@ class Evidence:
 
     def tangents(self, simulated: Mapping[str, SimulatedRows]) -> np.ndarray:
         """Change of the simulations with each nuisance of each record, in units of the noise (N, k)."""
-        blocks = [part.tangents(simulated[part.name]) for part in self.parts]
-        whole = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
-        row = column = 0
-        for block in blocks:
-            whole[row : row + len(block), column : column + block.shape[1]] = block
-            row, column = row + len(block), column + block.shape[1]
-        return whole
+        return block_diag(*(part.tangents(simulated[part.name]) for part in self.parts))
 
     def clock_changes(self) -> np.ndarray:
         """Change of the rows with the rate of each clock that is uncertain, in units of the noise (N, k)."""
@@ -68,13 +63,7 @@ class Evidence:
 
     def by_sweep(self, columns: np.ndarray) -> np.ndarray:
         """Columns (N, k) as changes of each sweep of each frequency response alone (N, k * sweep)."""
-        blocks = [(part, part.by_sweep(columns[self.of(part.name)])) for part in self.parts if part.is_swept]
-        whole = np.zeros((len(columns), sum(block.shape[1] for _, block in blocks)))
-        first = 0
-        for part, block in blocks:
-            whole[self.of(part.name), first : first + block.shape[1]] = block
-            first += block.shape[1]
-        return whole
+        return block_diag(*(part.by_sweep(columns[self.of(part.name)]) for part in self.parts))
 
     def initial_moves(
         self, simulated: Mapping[str, SimulatedRows], residual: np.ndarray

@@ -2,14 +2,13 @@
 
 Where a record holds several cycles of a periodic motion, the residual about the mean cycle is noise, whatever the model
 error (`calib.records.cycles.mean_cycle`: of the samples as they were measured); so are differences of replicates of a
-frequency response (`pure_error`). Where it does not, the autocorrelation
-of the noise is taken from records that do and that have the same sampling interval, and its level from the differences
-of neighbouring residuals; where there is no such record, both are estimated from the residual that remains when all
-candidates have been fitted to it. A level that the record states has precedence over all of these. Where the variance
-of that residual exceeds the stated one by more than sampling allows, and by more than a stated level may be wrong, it
-contains model error: whitening by its autocorrelation would remove the effects in question. Such noise is taken as
-white, and the scores over segments (see `score`) widen the errors that the autocorrelation of either would make too
-small.
+frequency response (`pure_error`). Where it does not, the autocorrelation of the noise is taken from records that do and
+that have the same sampling interval, and its level from the differences of neighbouring residuals; where there is no
+such record, both are estimated from the residual that remains when all candidates have been fitted to it. A level that
+the record states has precedence over all of these. Where the variance of that residual exceeds the stated one by more
+than sampling allows, and by more than a stated level may be wrong, it contains model error: whitening by its
+autocorrelation would remove the effects in question. Such noise is taken as white, and the scores over segments (see
+`score`) widen the errors that the autocorrelation of either would make too small.
 """
 
 import math

@@ -83,13 +83,15 @@ class Part:
     def by_sweep(self, columns: np.ndarray) -> np.ndarray:
         """Whitened columns (row * n, k) of what changes one sweep alone, of each long enough (row * n, k * sweep).
 
-        Of a sweep of few points, as where the level is stepped at a frequency, they would leave nothing.
+        Of a sweep of few points, as where the level is stepped at a frequency, they would leave nothing. A record over
+        time has none.
         """
+        if self.sweep is None:
+            return np.zeros((len(columns), 0))
         plain = self.restored(columns)
-        sweep = np.zeros(0) if self.sweep is None else self.sweep
-        numbers, points = np.unique(sweep, return_counts=True)
+        numbers, points = np.unique(self.sweep, return_counts=True)
         long = numbers[points >= MIN_POINTS_PER_PARAMETER * plain.shape[2]]
-        alone = [plain * (sweep == number)[:, None] for number in long]
+        alone = [plain * (self.sweep == number)[:, None] for number in long]
         own = [self.white(one[:, :, k]) for one in alone for k in range(plain.shape[2])]
         return np.column_stack(own) if own else np.zeros((len(columns), 0))
 

@@ -6,12 +6,12 @@ import xarray as xr
 from calib.records import channels, stated_period
 
 MAX_SAMPLES = 20_000  # from the beginning of a record, by which it is judged  [count]
-MIN_STATED_PERIODS = 4.0  # of the stated excitation, from which two frequencies are told apart
-MAX_STATED_PERIODS = 5  # periods of the stated excitation, up to which a motion may repeat; half of the record at most
-REPETITION_ORDERS = 12  # harmonics of a repeating motion
-MAX_OTHER_SHARE = 0.1  # of the variance that the record's own frequency leaves
-MIN_STATED_SHARE = 0.5  # of the variance that the stated frequency leaves
-LINE_SHIFTS = np.linspace(-1.0, 1.0, 41)  # about the largest line of the spectrum, over the resolution [1]
+MIN_STATED_PERIODS = 4.0  # of a record at least, in which two frequencies are told apart  [1]
+MAX_STATED_PERIODS = 5  # stated periods after which a motion repeats, at most, within half of the record  [count]
+REPETITION_ORDERS = 12  # harmonics of a repeating motion  [count]
+MAX_OTHER_SHARE = 0.1  # of the variance, that the record's own frequency leaves  [1]
+MIN_STATED_SHARE = 0.5  # of the variance, that the stated frequency leaves  [1]
+LINE_SHIFTS = np.linspace(-1.0, 1.0, 41)  # about the largest line of the spectrum, over the resolution  [1]
 
 
 def other_frequency(record: xr.Dataset) -> float | None:

@@ -283,10 +283,8 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
             return EVENT, tau, step
         retakes += 1
         w.contact[KNOWN, END] = kind
-        ratio = min(1.0, at + 1e-10)
-        step = (
-            shorten(w.contact, ratio, n, False) if regularised else ratio * step
-        )  # within a step the laws' loads are of lower order than at its end
+        ratio = min(1.0, at + 1e-10)  # within a step the laws' loads are of lower order than at its end
+        step = shorten(w.contact, ratio, n, False) if regularised else ratio * step
     return FAILED, 0.0, step
 
 
