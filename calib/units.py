@@ -213,10 +213,10 @@ def _number(value: float, quantity: str | float, unit: str) -> float:
 
 
 @functools.cache
-def powers(unit: str) -> tuple[float, float] | None:
-    """Powers of length and time in an SI unit, radians and cycles counting as 1; None where there are others in it."""
+def powers(unit: str) -> tuple[float, float, float] | None:
+    """Powers of length, time and mass in an SI unit, radians and cycles counting as 1; None with others in it."""
     if unit in ("", "1"):
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     dimension: dict[str, Any] = dict(_parse(f"1 {unit}", unit).dimensionality)
-    known = float(dimension.pop("[length]", 0.0)), float(dimension.pop("[time]", 0.0))
-    return None if any(dimension.values()) else known
+    length, time, mass = (float(dimension.pop(f"[{name}]", 0.0)) for name in ("length", "time", "mass"))
+    return None if any(dimension.values()) else (length, time, mass)

@@ -105,10 +105,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Scales:
-    """Natural scales of a set of records: displacement amplitude [m] and time over one radian [s]."""
+    """Natural scales of a set of records: displacement amplitude [m], time over one radian [s], and force [N].
+
+    The force is the largest level of the responses to a force; 0 without one.
+    """
 
     length: float
     time: float
+    force: float = 0.0
 
     @classmethod
     def of(cls, references: Iterable[Reference]) -> "Scales":
@@ -116,11 +120,12 @@ class Scales:
 
         Where the motion is prescribed and the force measured, the prescribed motion is the displacement.
         """
-        length, time = [], []
+        length, time, force = [], [], []
         for reference in references:
             record, frequency = reference.record, reference.excitation.frequency
             if reference.is_swept:
                 length.append(np.abs(complex_amplitude(record)).max())
+                force += [record["level"].values.max()] if reference.excitation.quantity == "force" else []
                 time.append(1.0 / (2.0 * np.pi * float(np.median(record["frequency"].values))))
                 continue
             motion = _motion(reference)
@@ -132,15 +137,17 @@ class Scales:
                     time.append(float(np.sqrt((swing**2).sum() / (rate**2).sum())))
             if frequency is not None:
                 time.append(1.0 / (2.0 * np.pi * frequency))
-        return cls(max(length, default=1.0) or 1.0, float(np.median(time)) if time else 1.0)
+        return cls(
+            max(length, default=1.0) or 1.0, float(np.median(time)) if time else 1.0, float(max(force, default=0.0))
+        )
 
     def scale(self, unit: str, nominal: float) -> float:
-        """Natural scale of a quantity in an SI unit; where the unit is not one of length and time, from its nominal."""
+        """Natural scale of a quantity in an SI unit; from its nominal where these records have no scale of the unit."""
         known = powers(unit)
-        if known is None:
+        if known is None or (known[2] and not self.force):
             return abs(nominal) or 1.0
-        length, time = known
-        return self.length**length * self.time**time
+        length, time, mass = known
+        return self.length ** (length - mass) * self.time ** (time + 2.0 * mass) * (self.force or 1.0) ** mass
 
 
 def _motion(reference: Reference) -> np.ndarray | None:
@@ -218,6 +225,10 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
         return "it needs a harmonic excitation"
     if effect.site == "sensor" and all(reference.is_swept for reference in references.values()):
         return "it changes what is measured over time, and every record is a frequency response"
+    if effect.site == "response" and not any(reference.is_swept for reference in references.values()):
+        return "it changes what is measured of a frequency response, and no record is one"
+    if effect.quantity and all(one.excitation.quantity != effect.quantity for one in references.values()):
+        return f"it needs a {effect.quantity}, by which no record is excited"
     return ""
 
 

@@ -104,7 +104,8 @@ def swept_curves(
     Returns
     -------
     response of the same sweeps, with the points of the continuation; `piece` (point,) numbers its stable stretches, and
-    the attribute `jumps` says where they end. A failed record where the motions of a sweep are not periodic.
+    the attribute `jumps` says where they end; as effects at the site "response" have it measured. A failed record where
+    the motions of a sweep are not periodic.
     curves of those sweeps that are one stretch of series
 
     Raises
@@ -141,9 +142,9 @@ def swept_curves(
     record = make_response(
         joined["frequency"], bodies, joined["amplitude"], joined["level"], str(measured["level"].attrs["units"]),
         joined["sweep"], np.concatenate(directions), jumps="; ".join(jumps),
-        source=f"simulated by {model.simulator.name}",
+        source=f"simulated by {model.simulator.name}", place=excitation.place, quantity=excitation.quantity,
     )  # fmt: skip
-    return record.assign(piece=("point", joined["piece"])), curves
+    return model.measured_response(record.assign(piece=("point", joined["piece"])), values), curves
 
 
 def _path(

@@ -17,6 +17,7 @@ EFFECT_GROUPS = ("stiffness", "damping", "friction", "load", "contact", "structu
 GROUP_OF_SITE = {
     "force": "load", "gap": "contact", "contact": "contact", "restitution": "contact", "stop": "contact",
     "excitation": "drive", "structure": "structure", "numerical": "numerics", "sensor": "instrument",
+    "response": "instrument",
 }  # fmt: skip
 SIZES = (0.01, 0.03, 0.1)  # typical sizes of an effect, in natural scales of its parameters
 
@@ -63,6 +64,8 @@ class Effect:
         names these where they explain as much
     requires : apparatus without which it cannot act and which few laboratories have, such as "a controller"; "" for
         none. A diagnosis suspects it only where its candidates name it
+    quantity : of the excitation without which it is absent, such as "force"; "" for none. A diagnosis suspects it only
+        where a record has it
     bodies : on which a force law acts; ALL leaves it to `place`
     place : where a force law acts where no bodies are named: "body" (on all bodies), "support", or "interface", the
         port between two bodies (see `calib.modelling.laws`); the simulator states which bodies are at a place
@@ -91,6 +94,7 @@ class Effect:
     confused: tuple[str, ...] = ()
     generalises: tuple[str, ...] = ()
     requires: str = ""
+    quantity: str = ""
     bodies: tuple[str, ...] | None = ALL
     place: str = "body"
     borrowed: tuple[str, ...] = ()
@@ -200,7 +204,7 @@ class Effect:
         return self.law.function(simulator, self._numbers(values))
 
     def sense(self, record: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
-        """Return what the instruments make of `record` (site `sensor`)."""
+        """Return what the instruments make of `record` (sites `sensor` and `response`)."""
         return self.law.function(record, self._numbers(values))
 
     def _numbers(self, values: Mapping[str, float]) -> dict[str, float]:

@@ -20,11 +20,12 @@ excitation  (t, phase, amplitude, x, p)   [its unit]   time [s], phase of the dr
                                                        undisturbed; added to the excitation
 structure   (present, p)                  new values   values of some parameters of the simulator, in SI and in the
                                                        order in which the effect names them (plain Python, as the
-                                                       next three)
+                                                       next four)
 stop        (simulator, p)                a simulator  the simulator, parameters by name; that with another stop in
                                                        the place of its own takes them beside its parameters
 numerical   (simulator, p)                a simulator  the simulator, parameters by name
 sensor      (record, p)                   a record     the simulated record, parameters by name
+response    (record, p)                   a record     the simulated frequency response, parameters by name
 =========== ============================= ============ ================================================================
 
 A force law acts on bodies, or at a port between two: there x is the clearance [m], v its rate [m/s], and the force is
@@ -61,7 +62,7 @@ SIGNATURES = {
     "restitution": _f(_f, _f, _array),
     "excitation": _f(_f, _f, _f, _f, _array),
 }
-PYTHON_SITES = ("structure", "stop", "numerical", "sensor")  # in plain Python, served by the model
+PYTHON_SITES = ("structure", "stop", "numerical", "sensor", "response")  # in plain Python, served by the model
 SITES = (*SIGNATURES, *PYTHON_SITES)
 
 
@@ -139,6 +140,11 @@ def numerical(function: Callable) -> Law:
 def sensor(function: Callable) -> Law:
     """Make a law of a function (record, p: dict) -> record: what the instruments do to the motion."""
     return _site("sensor")(function)
+
+
+def response(function: Callable) -> Law:
+    """Make a law of a function (record, p: dict) -> record: what a measurement adds to a frequency response."""
+    return _site("response")(function)
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,12 +132,23 @@ class Model:
         else:
             record = as_record(simulator.run(own, excitation, laws, request), simulator)
         if record.attrs["status"] == OK:
-            for effect in self._acting(values):
-                if effect.site == "sensor":
-                    record = effect.sense(record.assign_attrs({INTERVAL: request.interval}), values)
+            for effect in self._acting_at("sensor", values):
+                record = effect.sense(record.assign_attrs({INTERVAL: request.interval}), values)
             record.attrs.pop(INTERVAL, None)
         stated = {name: value if math.isfinite(value) else None for name, value in values.items()}
         return record.assign_attrs(model=self.name, values=json.dumps(stated))
+
+    def measured_response(self, record: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
+        """Return a simulated frequency response (see `calib.records.response`) as a measurement at `values` has it.
+
+        Raises
+        ------
+        CalibError : an unknown parameter
+        """
+        values = self._complete(values)
+        for effect in self._acting_at("response", values):
+            record = effect.sense(record, values)
+        return record
 
     def afresh(self) -> "Model":
         """Return the model whose simulator answers nothing from a cache."""
@@ -208,9 +219,8 @@ class Model:
     def _own(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values of the simulator's parameters, as the effects on the structure change them."""
         own = {p.name: values[p.name] for p in self.simulator.parameters}
-        for effect in self._acting(values):
-            if effect.site == "structure":
-                own = effect.restructure(own, values)
+        for effect in self._acting_at("structure", values):
+            own = effect.restructure(own, values)
         return own
 
     def _replaced(self, values: Mapping[str, float], own: dict[str, float]) -> tuple[Simulator, dict[str, float]]:
@@ -220,9 +230,8 @@ class Model:
         """
         simulator = self.simulator
         for site in ("stop", "numerical"):
-            for effect in self._acting(values):
-                if effect.site == site:
-                    simulator = effect.substitute(simulator, values)
+            for effect in self._acting_at(site, values):
+                simulator = effect.substitute(simulator, values)
         if simulator is self.simulator:
             return simulator, own
         return simulator, {p.name: own.get(p.name, values.get(p.name, p.nominal)) for p in simulator.parameters}
@@ -237,6 +246,9 @@ class Model:
 
     def _acting(self, values: Mapping[str, float]) -> list[Effect]:
         return [effect for effect in self.effects if not effect.at_null(values)]
+
+    def _acting_at(self, site: str, values: Mapping[str, float]) -> list[Effect]:
+        return [effect for effect in self._acting(values) if effect.site == site]
 
     def _laws(self, values: Mapping[str, float], own: Mapping[str, float], begins: bool = True) -> tuple[BoundLaw, ...]:
         """Laws that act at these values; those explicit in time only where the motion `begins`."""

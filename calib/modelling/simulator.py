@@ -64,8 +64,8 @@ class Simulator(Protocol):
     To write one:
 
     1. `name`, the `bodies` whose motion it gives, its `parameters` (each with unit, nominal value and meaning) and the
-       `sites` at which it takes laws (see `calib.modelling.laws`; "structure", "stop", "numerical" and "sensor" are
-       served by the model and need not be listed).
+       `sites` at which it takes laws (see `calib.modelling.laws`; those in plain Python are served by the model and
+       need not be listed).
     2. `run` returns a record (see `calib.records.record`): displacement and velocity over (body, time), time 0 at phase
        zero of the excitation, whole periods of the stationary motion; with an excitation that has a period also the
        stroboscopic section of the last 64 periods or more; where a study asks for fewer of a slow program, of those.

@@ -76,6 +76,12 @@ def complex_amplitude(record: xr.Dataset) -> np.ndarray:
     return record.variables["in_phase"].values + 1j * record.variables["quadrature"].values
 
 
+def with_amplitude(record: xr.Dataset, amplitude: np.ndarray) -> xr.Dataset:
+    """Return a response with other complex amplitudes (body, point)  [m]."""
+    parts = dict(zip(PARTS, (amplitude.real, amplitude.imag), strict=True))
+    return record.assign({name: record[name].copy(data=part) for name, part in parts.items()})
+
+
 def check_response(record: xr.Dataset, name: str) -> xr.Dataset:
     """Return a response in SI, where it is one.
 

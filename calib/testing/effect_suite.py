@@ -23,14 +23,16 @@ from calib.modelling.simulator import Request, Simulator
 from calib.plugins import load
 from calib.records import channels
 from calib.records.excitation import Excitation
+from calib.records.response import PARTS, is_response, make_response
 
 
 class EffectSuite:
     """Subclass it, name the effect and values at which it is `present`, and pytest does the rest.
 
     The effect is tried on the simulator `four_dof` in a motion with impacts, unless `make` gives another one (with its
-    own `excitation` and `values`); one that is explicit in time is tried in a motion that begins. An effect of the
-    noise is looked for in no record, and one that is not differentiable at its null need not fade in proportion.
+    own `excitation` and `values`); one that is explicit in time is tried in a motion that begins, one of the site
+    "response" on `response`. An effect of the noise is looked for in no record, and one that is not differentiable at
+    its null need not fade in proportion.
     """
 
     effect: Effect
@@ -38,6 +40,10 @@ class EffectSuite:
     excitation = Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3)
     values: dict[str, float] = {"restitution": 0.05}
     request = Request(periods=1, samples=200)
+    response = make_response(
+        np.array([9.0, 10.0, 11.0]), ["mass"], np.array([[1.0, -1.0j, -1.0]]) * 1e-3, 2.0, "N", place="mass",
+        quantity="force",
+    )  # fmt: skip
     least = 1e-6  # change of a channel over its range that the present effect makes at least  [1]
 
     def make(self) -> Simulator:
@@ -46,13 +52,17 @@ class EffectSuite:
 
     def run(self, *effects: Effect, **values: float) -> xr.Dataset:
         """Return the record with some effects."""
+        model, own = Model(self.make(), effects), {**self.values, **values}
+        if self.effect.site == "response":
+            return model.measured_response(self.response, own)
         request = replace(self.request, settle=0) if self.effect.transient else self.request
-        return Model(self.make(), effects).run({**self.values, **values}, self.excitation, request)
+        return model.run(own, self.excitation, request)
 
     def largest_change(self, **values: float) -> float:
         """Return the largest change of any channel against the model without the effect, in units of its range [1]."""
         plain, with_it = self.run(), self.run(self.effect, **values)
-        return max(float(np.abs(with_it[c] - plain[c]).max() / np.ptp(plain[c].values)) for c in channels(plain))
+        compared = PARTS if is_response(plain) else channels(plain)
+        return max(float(np.abs(with_it[c] - plain[c]).max() / np.ptp(plain[c].values)) for c in compared)
 
     def test_it_is_absent_at_its_null_value(self) -> None:
         plain, null = self.run(), self.run(self.effect, **self.effect.null)

@@ -4,21 +4,27 @@ import json
 
 import numpy as np
 import pytest
+import xarray as xr
 from click.testing import CliRunner
 from hidden.stepped import CAUSES, MASS, drawn, record, written
 from hidden.stepped_laboratory import WHITE, SteppedLaboratory
 
 from calib.cli import main as calib
 from calib.diagnosis.artifacts import read_motions
+from calib.records.response import complex_amplitude, with_amplitude
 
 DAMPINGS, STIFFNESSES = ("quadratic_drag", "coulomb_friction"), ("cubic_stiffness", "softening")
 BOTH_WAYS = (1.0, -1.0)
 
 
-def diagnosed(cause, seed, folder, laboratory=WHITE, candidates=(*DAMPINGS, *STIFFNESSES)):
-    """What a diagnosis says of a hidden cause, and what was hidden."""
+def diagnosed(cause, seed, folder, laboratory=WHITE, candidates=(*DAMPINGS, *STIFFNESSES), change=None):
+    """What a diagnosis says of a hidden cause and of a change of the records, and what was hidden."""
     truth = drawn(cause, seed)
     written(truth, seed, folder, laboratory)
+    for name in ("levels", "between") if change else ():
+        with xr.open_dataset(folder / f"{name}.nc") as stored:
+            response = stored.load()
+        with_amplitude(response, change(response)).to_netcdf(folder / f"{name}.nc")
     study = folder / "study.toml"
     study.write_text(study.read_text() + f"\n[diagnosis]\ncandidates = {json.dumps(candidates)}\n")
     for command in ("run", "diagnose"):
@@ -55,6 +61,32 @@ def test_drag_is_named_with_its_size_and_the_gain_on_a_level_held_out(tmp_path):
     assert float((left**2).mean()) == pytest.approx(1.0, abs=0.35)
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Distance of each measured point from the simulated curve of its sweep" in page
+
+
+def other_modes(response):
+    """Complex amplitudes with a body of 0.8 kg as a whole and a mode at 40 Hz: -2.93e-3 m/N at resonance  [m]."""
+    omega = 2.0 * np.pi * response.frequency.values
+    beyond = -1.0 / (0.8 * omega**2) + 1.0 / (0.1 * ((80.0 * np.pi) ** 2 - omega**2))
+    return complex_amplitude(response) + beyond * response.level.values
+
+
+def late(response):
+    """Complex amplitudes read 5 ms late  [m]."""
+    return np.exp(-0.01j * np.pi * response.frequency.values) * complex_amplitude(response)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause", "size"),
+    [(other_modes, "residual_compliance", -2.93e-3), pytest.param(late, "response_lag", 5e-3, marks=pytest.mark.slow)],
+)
+def test_what_a_measurement_adds_to_one_mode_is_named(tmp_path, change, cause, size):
+    candidates = (*DAMPINGS, *STIFFNESSES, "residual_compliance", "response_lag")
+    _, said = diagnosed(None, 4, tmp_path, candidates=candidates, change=change)
+    assert said["verdict"] == "named"
+    assert said["causes"] == [cause]
+    [own] = [one for one in said["suspects"] if one["effect"] == cause]
+    assert own["size"][cause] == pytest.approx(size, rel=0.15)
+    assert said["gain"]["after"] < 0.5 * said["gain"]["before"]
 
 
 def test_nothing_is_found_where_nothing_is_hidden(tmp_path):

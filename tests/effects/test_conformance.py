@@ -121,6 +121,8 @@ CASES = [
     sensed("clipping", clip_displacement=8e-4, clip_velocity=0.1),
     sensed("quantisation", quantum_displacement=1e-4, quantum_velocity=1e-2),
     sensed("outliers", outlier_share=0.01),
+    Case("residual_compliance", residual_compliance=-1e-5),
+    Case("response_lag", response_lag=1e-3),
     Case("time_step", on=coarse, refinement=2.0),
     Case("event_tolerance", tolerance_refinement=10.0, base={"restitution": 0.3, "gap": 2e-4}, least=0.0),
 ]

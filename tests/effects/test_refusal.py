@@ -11,6 +11,7 @@ from calib.simulators.oscillator import Oscillator
 
 EFFECTS = plugins.load_all("calib.effects")
 SENSOR = {name for name, effect in EFFECTS.items() if effect.site == "sensor"}
+RESPONSE = {"residual_compliance", "response_lag"}
 STATES = {
     "presliding", "backlash", "extra_mode", "bouc_wen", "iwan", "stribeck", "fractional_damping", "delayed_feedback"
 }  # fmt: skip
@@ -19,7 +20,7 @@ ON_A_BODY = {
     "preload", "detuning_drift", "power_law_damping", "damping_drift", "magnetic_attraction",
 }  # fmt: skip
 DRIVE = {"drive_harmonic_2", "drive_harmonic_3", "drive_modulation", "frequency_drift", "phase_jitter"}
-LUMPED = SENSOR | STATES | ON_A_BODY | DRIVE | {"added_mass", "time_step"}
+LUMPED = SENSOR | RESPONSE | STATES | ON_A_BODY | DRIVE | {"added_mass", "time_step"}
 IMPACT = {"gap_offset", "adhesion", "rate_restitution", "squeeze_film", "event_tolerance"}
 YIELDING = {"compliant_contact", "hertz_contact"}
 TAKEN = {
@@ -37,7 +38,7 @@ TAKEN = {
     "oscillator, stop": (Oscillator(stop=True), LUMPED | IMPACT | YIELDING),
     "delaminated_beam": (
         DelaminatedBeam(),
-        SENSOR | ON_A_BODY | DRIVE | {"gap_offset", "interface_shift", "contact_compliance", "time_step"},
+        SENSOR | RESPONSE | ON_A_BODY | DRIVE | {"gap_offset", "interface_shift", "contact_compliance", "time_step"},
     ),
 }
 
