@@ -35,8 +35,8 @@ def other_frequency(record: xr.Dataset) -> float | None:
     if not rows.any():
         return None
     most = min(MAX_STATED_PERIODS, int(time[-1] / (2.0 * period)))
-    left = min(_left(rows, time, 1.0 / (n * period), n * REPETITION_ORDERS) for n in range(1, most + 1))
-    if left < MIN_STATED_SHARE:
+    left = (_left(rows, time, 1.0 / (n * period), n * REPETITION_ORDERS) for n in range(1, most + 1))
+    if any(share < MIN_STATED_SHARE for share in left):  # nearly always of the first, the least costly
         return None
     found = _largest_line(rows, time)
     return found if _left(rows, time, found, REPETITION_ORDERS) < MAX_OTHER_SHARE else None

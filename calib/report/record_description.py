@@ -166,11 +166,8 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
     for key in ("place", "quantity"):
         if key not in record.attrs and stated_period(record) is not None:
             yield f"the excitation is not fully stated (attribute {key!r} is missing); state it in the study"
-    if (other := other_frequency(record)) is not None:
-        yield (
-            f"the record repeats itself at {other:.4g} Hz, not at the {float(record.attrs['frequency']):.5g} Hz of its "
-            "excitation; check the stated frequency and the unit of time"
-        )
+    if (doubt := doubtful_frequency(record)) is not None:
+        yield doubt
     if stated_period(record) is not None and not fills_periods(record):
         yield "the record does not fill whole periods of the excitation; the rest of the last period is not compared"
     for body in (str(b) for b in record.body.values):
@@ -179,6 +176,17 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
         if stated_period(record) is not None:
             yield from _open_curve(record, body)
             yield from _short_impact(record, body)
+
+
+def doubtful_frequency(record: xr.Dataset, name: str = "the record") -> str | None:
+    """Warn of a record over time that repeats itself at another frequency than its excitation is said to have."""
+    other = other_frequency(record)
+    if other is None:
+        return None
+    return (
+        f"{name} repeats itself at {other:.4g} Hz, not at the {float(record.attrs['frequency']):.5g} Hz of its "
+        "excitation; check the stated frequency and the unit of time"
+    )
 
 
 def _inconsistent_channels(record: xr.Dataset, body: str) -> Iterator[str]:

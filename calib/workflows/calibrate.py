@@ -43,6 +43,7 @@ from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
 from calib.workflows.residual import residuals_beside_noise
+from calib.workflows.stated_frequencies import doubtful_frequencies
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
@@ -166,6 +167,8 @@ def summary_so_far(path: str | Path, out: str | Path | None = None) -> Calibrati
 def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -> CalibrationResult:
     """Go through the stages, one after the other; each takes what those before it have found."""
     begin, study = time.monotonic(), file.study
+    for doubt in doubtful_frequencies(file):
+        progress.note(f"mind: {doubt}")
     check_simulator_runs(file, progress.stage)
     store = Store(folder, file.view, file.keep, partial(trial_picture, objective=study.objective))
     with Evaluations(file, folder, progress.note) as evaluations:

@@ -1,14 +1,18 @@
 """The main job from Python."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
-from echo_study import bench, write_study
+from echo_study import FREQUENCY, TRUTH, bench, write_study
+from tiny_simulators import Echo
 from undrawn import undrawn
 
 from calib import records
 from calib.errors import CalibError
+from calib.modelling.simulator import Request
+from calib.records.excitation import Excitation
 from calib.workflows.calibrate import calibrate, rebuild
 
 MINIMAL = Path(__file__).parents[2] / "studies" / "minimal" / "study.toml"
@@ -31,6 +35,22 @@ def test_progress_is_on_stderr_and_no_stage_is_named_that_has_nothing_to_do(tmp_
     assert "confidence: " in said
     assert "hold-out: " not in said, "no record is held out"
     assert (tmp_path / "elsewhere" / "result.json").exists()
+
+
+def test_a_stated_frequency_that_the_samples_do_not_show_is_said_once_before_the_search(tmp_path, capfd):
+    path = write_study(tmp_path)
+    driven = Excitation("base", "base motion", frequency=1.1 * FREQUENCY, amplitude=1e-3)
+    record = Echo().run(TRUTH, driven, (), Request(periods=20, samples=100))
+    record = record.drop_vars(["section_displacement", "section_velocity"])
+    record = record.assign_attrs(place="base", quantity="base motion", amplitude=1e-3)
+    for stated, doubts in ((FREQUENCY, 1), (1.1 * FREQUENCY, 0)):
+        records.write(record.assign_attrs(frequency=stated), tmp_path / "bench.nc")
+        calibrate(path, tmp_path / str(doubts), budget=9)
+        lines = [line for line in capfd.readouterr().err.splitlines() if "repeats itself" in line]
+        assert len(lines) == doubts
+        for line in lines:
+            said = re.match(r"mind: record 'bench' repeats itself at ([\d.]+) Hz, not at the 10 Hz of", line)
+            assert float(said[1]) == pytest.approx(1.1 * FREQUENCY, abs=0.02)
 
 
 def test_the_report_of_a_folder_without_a_run_is_refused(tmp_path):
