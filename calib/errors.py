@@ -22,6 +22,10 @@ class FirstRunFailed(CalibError):
     """The run that is made before a search has failed: nothing was simulated."""
 
 
+class FirstTrialsFailed(CalibError):
+    """The first trials of a search have all failed with one exception: nothing was simulated, the trials are kept."""
+
+
 class WorkersLost(CalibError):
     """The workers that evaluate can be reached no longer: the run ends as if it was killed, and can go on."""
 

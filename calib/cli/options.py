@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from calib.errors import CalibError, FirstRunFailed, WorkersLost, nearest
+from calib.errors import CalibError, FirstRunFailed, FirstTrialsFailed, WorkersLost, nearest
 from calib.execution.interrupt import ended_like_ctrl_c
 
 POOL_KEYS = ("jobs", "memory")  # of a [pool] table; other options are those of the class that it names
@@ -172,7 +172,7 @@ def reporting_mistakes(command: Callable[..., Any]) -> Callable[..., Any]:
             except WorkersLost as error:
                 click.echo(f"calib: {error}; what was finished is kept, and the same command goes on", err=True)
                 sys.exit(EXIT_STOPPED)
-            except FirstRunFailed as error:
+            except (FirstRunFailed, FirstTrialsFailed) as error:
                 click.echo(f"calib: {error}", err=True)
                 sys.exit(EXIT_NOTHING)
             except CalibError as error:

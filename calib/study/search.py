@@ -12,12 +12,14 @@ from scipy.stats.qmc import Sobol
 from calib.errors import CalibError
 from calib.execution.interrupt import uninterrupted
 from calib.execution.pool import REFUSED, Failure, Pool
+from calib.execution.pools.settings import PoolSettings
 from calib.modelling.parameter import Space
 from calib.store import Trial
 from calib.store.trial import FORMER_CODE, best
 from calib.study.choice import CostlyChoice, costly_choice
 from calib.study.contracts import Optimiser, StoreContract
 from calib.study.evaluation import Phase, as_trial, outcome
+from calib.study.first_trials import FirstTrials
 
 BUDGET_SPENT = "budget spent"  # why a search ended; otherwise the optimiser's own reason
 
@@ -75,6 +77,11 @@ class Searchable(Protocol):
         """Points that the optimiser should ask for at a time."""
         ...
 
+    @property
+    def evaluated_by(self) -> PoolSettings:
+        """Where trials are evaluated."""
+        ...
+
 
 class Search:
     """One run of a study over its store: what is logged, and what is going on."""
@@ -93,6 +100,7 @@ class Search:
         self._study, self._store, self._pool, self._on_trial = study, store, pool, on_trial
         self.trials = {trial.number: trial for trial in logged}
         self._best = best(logged)
+        self._first = FirstTrials(study.evaluated_by.jobs or 1)
         self.agreement: dict[str, Any] | None = None
 
     @property
@@ -135,7 +143,7 @@ class Search:
         """Search with one optimiser from the segment's first number on."""
         first = self._store.header.first
         earlier = [trial for _, trial in sorted(self.trials.items()) if trial.number < first]
-        again = _former_best(earlier)
+        again = _to_repeat(earlier)
         end = first + max(self._study.budget - len(earlier), len(again))
         if end <= first:
             return BUDGET_SPENT
@@ -205,6 +213,7 @@ class Search:
 
     def _evaluate_all(self, todo: list[tuple[int, np.ndarray]], phase: Phase) -> None:
         values = [self._study.space.values(u) for _, u in todo]
+        self._first.ask(number for number, _ in todo)
         for index, result in self._pool.map(values):
             if isinstance(result, Failure) and result.status == REFUSED and not self.trials:
                 raise CalibError(result.reason)
@@ -216,14 +225,18 @@ class Search:
             self._best = best([trial] if self._best is None else [self._best, trial])
             if self._on_trial is not None:
                 self._on_trial(trial, self._best, len(self.trials))
+            if isinstance(result, Failure) and self._best is None and len(self.trials) < self._study.budget:
+                self._first.check(self.trials, number, result)
 
 
-def _former_best(trials: list[Trial]) -> list[list[float]]:
-    """Point of the best trial by former code, in a list; none where the present code has evaluated it already."""
-    former = [trial for trial in trials if math.isfinite(trial.former_cost)]
-    point = min(former, key=lambda trial: (trial.former_cost, trial.number)).u if former else None
+def _to_repeat(trials: list[Trial]) -> list[list[float]]:
+    """Points that the present code evaluates first: the best by former code, or its screen where that has no best."""
+    former = [trial for trial in trials if trial.status == FORMER_CODE]
+    scored = [trial for trial in former if math.isfinite(trial.former_cost)]
+    top = min(scored, key=lambda trial: (trial.former_cost, trial.number), default=None)
+    points = [trial.u for trial in former if trial.phase == "screen"] if top is None else [top.u]
     evaluated = [trial.u for trial in trials if trial.status != FORMER_CODE]
-    return [] if point is None or point in evaluated else [point]
+    return [point for point in points if point not in evaluated]
 
 
 def _screen_points(space: Space, seed: int, size: int) -> np.ndarray:

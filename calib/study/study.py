@@ -147,7 +147,8 @@ class CalibrationStudy:
         logged. So a run that was killed and resumed, with any number of jobs, gives what one run would have given. If
         libraries or processor have changed meanwhile, or an optimiser has ended because its budget was spent and the
         study's is larger now, a new optimiser is told the trials so far as if they were a screen. If the code that the
-        study uses has changed, earlier trials no longer count, and the best of them is evaluated again first.
+        study uses has changed, earlier trials no longer count, and the best of them is evaluated again first, or those
+        of the screen where none had a score.
 
         Parameters
         ----------
@@ -164,6 +165,7 @@ class CalibrationStudy:
         ------
         CalibError : the store belongs to another study; a replayed point differs from the logged one; the model refuses
             the first point
+        FirstTrialsFailed : the first trials failed with one and the same exception
         """
         self.optimiser(dim=self.space.dim, seed=self.seed, budget=self.budget, batch=self.batch).close()  # refuses here
         own: OpenPool | None = None
