@@ -55,14 +55,14 @@ class DiagnosisProgress:
 
     def __init__(self, quiet: bool, console: Console | None = None, clock: Callable[[], float] = time.monotonic):
         self._console, self._quiet = console or Console(stderr=True, highlight=False), quiet
-        self._clock, self._begin, self._stage, self._told = clock, clock(), "", -np.inf
+        self._clock, self._begin, self._stage, self._told = clock, clock(), "starting", -np.inf
         self._bar: Bars | None = None
 
     def __enter__(self) -> "DiagnosisProgress":
         if self._console.is_terminal and not self._quiet:
             columns = TextColumn("{task.fields[stage]:<18}"), BarColumn(bar_width=30), TextColumn("{task.fields[text]}")
             self._bar = Bars(SpinnerColumn(), *columns, TimeElapsedColumn(), console=self._console, transient=True)
-            self._task = self._bar.add_task("diagnosis", total=None, stage="", text="")
+            self._task = self._bar.add_task("diagnosis", total=None, stage=self._stage, text="")
             self._bar.start()
         return self
 

@@ -31,6 +31,7 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.refutation import revised_by_records
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.speculation import SpeculativePool
+from calib.diagnosis.stages import Stages
 from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
 from calib.execution.pool import OpenPool
 from calib.modelling.effect import Effect
@@ -123,7 +124,7 @@ def diagnose(
     effects : that may be suspected; those of site "numerical" are gates
     seed : of the noise that is drawn for the threshold
     pool : makes a pool of the function it maps; None: that of the study
-    on_stage : called with the name of each stage as it begins
+    on_stage : called with the name of each stage as it begins; see `Stages`
     on_progress : called with the number of simulations done, and of those expected in all
     budget : after which no further fit and no search of a next measurement begins; None: none
     laboratory : in whose region the next measurement is searched; None: none is searched
@@ -132,14 +133,14 @@ def diagnose(
     ------
     CalibError : a mistake in the arguments
     """
-    begin = time.monotonic()
+    begin, stages = time.monotonic(), Stages(on_stage)
     bench = bench_of(study, others)
     with (
-        (pool or partial(pool_of, study))(bench) as open_pool,
+        (pool or partial(pool_of, study, stages))(bench) as open_pool,
         closing(SpeculativePool(open_pool, (open_pool.width or 1) - 1)) as ahead,
     ):
         effort = Effort(ahead, budget, on_progress)
-        diagnosis = _diagnosed(effort, bench, study, values, effects, seed, on_stage, laboratory)
+        diagnosis = _diagnosed(effort, bench, study, values, effects, seed, stages, laboratory)
     return replace(diagnosis, seconds=time.monotonic() - begin)
 
 

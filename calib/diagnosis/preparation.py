@@ -19,6 +19,7 @@ from calib.diagnosis.record_faults import outliers, rounding
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.signature import Point
+from calib.diagnosis.stages import Stages
 from calib.execution.pool import OpenPool
 from calib.execution.workers import workers
 from calib.modelling.effect import Effect
@@ -64,9 +65,9 @@ class Prepared:
     rounding: float = 0.0
 
 
-def pool_of(study: CalibrationStudy, bench: Bench) -> OpenPool:
-    """Open the pool that a study states, for its bench."""
-    return workers(bench, study.evaluated_by, study.timeout, modules=study.code)
+def pool_of(study: CalibrationStudy, stages: Stages, bench: Bench) -> OpenPool:
+    """Open the pool that a study states, for its bench; the stages are told when it compiles."""
+    return workers(bench, study.evaluated_by, study.timeout, modules=study.code, on_compiling=stages.compiling)
 
 
 def bench_of(study: CalibrationStudy, others: Mapping[str, Reference]) -> Bench:

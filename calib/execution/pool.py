@@ -11,6 +11,9 @@ from calib.errors import CalibError, CodeChanged
 REFUSED, RAISED, TIMEOUT, CRASHED, MEMORY = "refused", "raised", "timeout", "crashed", "memory"
 
 
+OnCompiling = Callable[[bool], None]  # told that kernels begin to be compiled, and that they are
+
+
 class Pool(Protocol):
     """Where a function is evaluated at many payloads."""
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import CalibError
-from calib.execution.pool import InProcess, OpenPool
+from calib.execution.pool import InProcess, OnCompiling, OpenPool
 from calib.execution.pools.identity import identity
 from calib.execution.pools.limits import CallLimits
 from calib.execution.pools.local import LocalPool
@@ -33,6 +33,7 @@ def workers(
     modules: Iterable[str] = (),
     results: ResultFolder | None = None,
     on_note: Callable[[str], None] = lambda text: None,
+    on_compiling: OnCompiling | None = None,
 ) -> OpenPool:
     """Open the pool that a study states, for a function.
 
@@ -44,6 +45,7 @@ def workers(
     function, timeout : as in `LocalPool`
     modules : outside this package, beside those of the function, that have to be the same on a worker
     results, on_note : as in `RemotePool`
+    on_compiling : as in `LocalPool`; not called where evaluations run elsewhere
 
     Raises
     ------
@@ -62,11 +64,11 @@ def workers(
         setup = PoolSetup(sent, limits, known, None if results is None else results.path)
         return RemotePool(loaded(REMOTE[pool.kind])(pool), setup, pool.jobs, results, on_note)
     if not sent.in_script:
-        return LocalPool(function, pool.local_jobs, timeout, memory=pool.memory)
+        return LocalPool(function, pool.local_jobs, timeout, memory=pool.memory, on_compiling=on_compiling)
     script = getattr(sys.modules["__main__"], "__file__", None)
     if script is not None:
         if _guarded(Path(script)):
-            return LocalPool(function, pool.local_jobs, timeout, memory=pool.memory)
+            return LocalPool(function, pool.local_jobs, timeout, memory=pool.memory, on_compiling=on_compiling)
         if pool.local_jobs > 1:
             raise CalibError(
                 f"what is simulated is defined in {script}, which {pool.jobs} child processes would import and run "

@@ -35,6 +35,7 @@ class Progress:
         self._stage = "starting"
         self._done = self._failed = 0
         self._leaders = ""
+        self._compiling = False
         self._best: Trial | None = None
         self._ends: list[tuple[float, int]] = []  # when, how many trials by then
         self._screened: list[Trial] = []
@@ -93,6 +94,11 @@ class Progress:
         self._stage = trial.phase
         self._show()
 
+    def compiling(self, compiling: bool) -> None:
+        """Take in that kernels begin to be compiled, or that they are."""
+        self._compiling = compiling
+        self._show(now=True)
+
     def leader(self, done: int, total: int) -> None:
         """Take in that `done` of `total` leaders of the search have been simulated again."""
         self._leaders = f"{done}/{total} leaders"
@@ -113,8 +119,8 @@ class Progress:
             self._console.print("the screen reaches every measured feature")
 
     def line(self) -> str:
-        """Best score, kind of motion, rate, failures and time left, as one line."""
-        parts = [f"{self._done}/{self._budget} trials"]
+        """Best score, kind of motion, rate, failures and time left, as one line; whether kernels are compiled."""
+        parts = [*(["compiling"] if self._compiling else []), f"{self._done}/{self._budget} trials"]
         if self._best is not None:
             parts.append(f"best {self._best.cost:.4g} ({self._best.kind})")
         rate = self._rate()

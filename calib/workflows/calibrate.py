@@ -171,7 +171,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
         progress.note(f"mind: {doubt}")
     check_simulator_runs(file, progress.stage)
     store = Store(folder, file.view, file.keep, partial(trial_picture, objective=study.objective))
-    with Evaluations(file, folder, progress.note) as evaluations:
+    with Evaluations(file, folder, progress.note, progress.compiling) as evaluations:
         search = _searched(study, store, evaluations, progress, fresh)
         with store.locked():
             confirmation = _confirmed(study, evaluations, search, progress)

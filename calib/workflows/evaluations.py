@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from calib.execution.pool import Failure, OpenPool, Pool
+from calib.execution.pool import Failure, OnCompiling, OpenPool, Pool
 from calib.execution.pools.results import FOLDER, ResultFolder
 from calib.execution.workers import workers
 from calib.modelling.model import Model
@@ -51,9 +51,16 @@ class Evaluations:
     file : of the study
     folder : of its results, in which workers elsewhere keep what they evaluate until it is taken over
     on_note : told, in one line each, what a user may want to know
+    on_compiling : told that kernels begin to be compiled, and that they are; see `LocalPool`
     """
 
-    def __init__(self, file: StudyFile, folder: Path, on_note: Callable[[str], None] = lambda text: None):
+    def __init__(
+        self,
+        file: StudyFile,
+        folder: Path,
+        on_note: Callable[[str], None] = lambda text: None,
+        on_compiling: OnCompiling | None = None,
+    ):
         study = file.study
         objectives = {CALIBRATED: study.objective}
         objectives |= {
@@ -71,7 +78,7 @@ class Evaluations:
         results = ResultFolder(folder.resolve() / FOLDER, _identity(study), _content)
         self._pool = workers(
             partial(_evaluated, cases), study.evaluated_by, study.timeout,
-            modules=study.code, results=results, on_note=on_note,
+            modules=study.code, results=results, on_note=on_note, on_compiling=on_compiling,
         )  # fmt: skip
         for remark in getattr(study.model.simulator, "remarks", ()):
             on_note(remark)

@@ -19,6 +19,13 @@ def test_a_diagnosis_says_what_it_simulates_and_how_much_is_foreseen(capsys):
     assert lines[-1].endswith(" of about 150 simulations")
 
 
+def test_what_comes_before_the_first_stage_has_a_name(capsys):
+    clock = HandClock()
+    with DiagnosisProgress(False, Console(stderr=True, width=200), clock) as progress:
+        progress.simulated(1, 2)
+    assert capsys.readouterr().err == "   0.0 s  starting: 1 of about 2 simulations\n"
+
+
 def test_a_quiet_diagnosis_says_nothing(capsys):
     with DiagnosisProgress(True, Console(stderr=True), HandClock()) as progress:
         progress.stage("suspects 1")

@@ -34,6 +34,15 @@ def test_the_leaders_are_counted_while_they_are_confirmed(capsys):
     assert lines[2].endswith("2/2 leaders")
 
 
+def test_compiling_is_said_at_once_and_no_longer_than_it_lasts(capsys):
+    with Progress(100, console=Console(stderr=True, width=200), clock=HandClock()) as progress:
+        progress.stage("screen")
+        progress.compiling(True)
+        progress.compiling(False)
+    lines = capsys.readouterr().err.splitlines()
+    assert ["compiling" in line for line in lines] == [False, True, False]
+
+
 @pytest.mark.parametrize(
     ("amplitudes", "said"),
     [

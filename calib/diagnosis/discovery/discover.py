@@ -45,6 +45,7 @@ from calib.diagnosis.gates import Gate
 from calib.diagnosis.preparation import NotDiagnosable, Prepared, bench_of, numerical, pool_of, prepared
 from calib.diagnosis.screening import KnownDerivatives, screened
 from calib.diagnosis.speculation import SpeculativePool
+from calib.diagnosis.stages import Stages
 from calib.diagnosis.suspect import Scored, Screened, is_testable
 from calib.diagnosis.verdict import failures
 from calib.execution.pool import OpenPool
@@ -148,12 +149,12 @@ def discover(
     ------
     CalibError : a mistake in the arguments
     """
-    begin = time.monotonic()
+    begin, stages = time.monotonic(), Stages(on_stage)
     bench = bench_of(study, others)
-    make = pool or partial(pool_of, study)
+    make = pool or partial(pool_of, study, stages)
     with make(bench) as open_pool, closing(SpeculativePool(open_pool, 0)) as ahead:
         effort = Effort(ahead, budget, on_progress)
-        discovery = _discovered(effort, bench, study, values, effects, seed, on_stage)
+        discovery = _discovered(effort, bench, study, values, effects, seed, stages)
     return replace(discovery, seconds=time.monotonic() - begin, simulations=effort.done, cut_short=effort.spent)
 
 
@@ -171,6 +172,7 @@ def _discovered(
         return Discovery(NOT_DIAGNOSABLE, reason, ())
     places = {place.name: place for place in force_places(bench.model.simulator)}
     references = {name: r for name, r in bench.objective.references.items() if r.use != "holdout"}
+    on_stage("visited states")
     regions = visited_regions(pool, bench, references, values, places.values())
     if not regions:
         return Discovery(

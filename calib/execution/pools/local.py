@@ -9,13 +9,14 @@ from functools import partial
 from typing import Any, Self
 
 from calib.errors import CalibError
-from calib.execution.pool import Failure
+from calib.execution.pool import Failure, OnCompiling
 from calib.execution.pools.limits import STARTUP_ALLOWANCE, CallLimits
 from calib.execution.pools.memory import MemoryWatch
 from calib.execution.pools.sent import pickled
 from calib.execution.pools.slot import RETRIED, Slot
 from calib.execution.pools.starting import start_server
 
+COMPILATION_INTERVAL = 1.0  # between two looks at whether a process compiles  [s]
 MAX_JOBS = 512  # child processes: each holds numba and its kernels, some 0.3 GB
 
 
@@ -52,6 +53,8 @@ class LocalPool:
         MIN_STARTUP_ALLOWANCE
     memory : limit of one call, its process and the programs that it has started together [byte], None for none; only
         the process that exceeds it is killed
+    on_compiling : told, within a second and by the thread that waits for results, that a process begins to compile
+        kernels, and that none does any longer
     """
 
     def __init__(
@@ -61,6 +64,7 @@ class LocalPool:
         timeout: float | None = None,
         startup: float = STARTUP_ALLOWANCE,
         memory: float | None = None,
+        on_compiling: OnCompiling | None = None,
     ):
         if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
             raise CalibError(f"jobs is the number of child processes, an integer of at least 1; got {jobs!r}")
@@ -69,6 +73,7 @@ class LocalPool:
         self._function = pickled(function)
         allowances = limits.allowances()
         self._slots = [Slot(self._function, limits, allowances) for _ in range(jobs)]
+        self._on_compiling, self._compiling = on_compiling, False
         self._watch = None if memory is None else MemoryWatch(memory)
         if self._watch is not None:
             for slot in self._slots:
@@ -106,7 +111,7 @@ class LocalPool:
         try:
             hand_out()
             while busy:
-                index = done.get()
+                index = self._ended(done)
                 result = busy[index].result(partial(_tell, done, index))
                 if result is not RETRIED:
                     idle.append(busy.pop(index))
@@ -116,6 +121,20 @@ class LocalPool:
         finally:
             for slot in busy.values():
                 slot.close()
+
+    def _ended(self, done: queue.SimpleQueue[int]) -> int:
+        """Wait for the next call to end, saying meanwhile whether kernels are compiled; return its index."""
+        while self._on_compiling is not None:
+            try:
+                return done.get(timeout=COMPILATION_INTERVAL)
+            except queue.Empty:
+                pass
+            finally:
+                compiling = any(slot.compiling for slot in self._slots)
+                if compiling != self._compiling:
+                    self._compiling = compiling
+                    self._on_compiling(compiling)
+        return done.get()
 
     def close(self) -> None:
         """End the processes; calls under way are killed."""

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from ctypes import c_byte
 from multiprocessing import get_context
 from multiprocessing.context import ForkServerContext
 from typing import Any
@@ -42,6 +43,7 @@ class Slot:
         self._function, self._limits, self._allowances = function, limits, allowances
         self._context: ForkServerContext = get_context("forkserver") if function.in_script else WithoutMain()
         self._numbers = None if limits.memory is None else self._context.Pipe(duplex=False)  # of processes
+        self._compiling: c_byte = self._context.RawValue(c_byte, 0)
         self._pool: ProcessPool | None = None
         self._compiled: set[str] = set()  # stages of which the process has come back with a call
         self._worked = False  # whether the process has taken up a call
@@ -77,12 +79,13 @@ class Slot:
     def _schedule(self, done: Callable[[Future[bytes]], None]) -> None:
         if self._pool is None or not self._pool.active:  # none yet, or its idle process died
             self.close()
-            given = (self._function.code, None if self._numbers is None else self._numbers[1])
+            given = (self._function.code, None if self._numbers is None else self._numbers[1], self._compiling)
             self._pool = ProcessPool(1, initializer=prepare, initargs=given, context=self._context)
             self._compiled.clear()
         self._limit = self._limits.timeout
         if self._limit is not None and self._stage not in self._compiled:
             self._limit += self._allowances[self._stage].seconds
+        self._compiling.value = 0  # as a process that died has left it
         self._since, self._exceeded, self._suspended = time.perf_counter(), 0.0, suspended()
         try:
             with uninterrupted():  # a process whose start is interrupted would be owned by nobody
@@ -151,6 +154,11 @@ class Slot:
             "the child processes end before they take up work (their messages stand above); where a script defines "
             f"what they call, it has to run the study under \"if __name__ == '__main__':\" ({error})"
         )
+
+    @property
+    def compiling(self) -> bool:
+        """Whether the call under way compiles kernels."""
+        return bool(self._compiling.value) and not self._future.done()
 
     @property
     def group(self) -> int | None:
