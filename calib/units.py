@@ -15,6 +15,7 @@ MILLI = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # SI unit -> factor and unit in wh
 MICRO = {"m": (1e6, "um"), "s": (1e6, "us")}  # the same for those below MICRO_BELOW
 MICRO_BELOW = 1e-5  # m, s: smaller values are read in um and us
 SI_FROM = 1.0  # m, s: such and larger values are read in m and s
+POWERS_FROM = 1e5  # such and larger numbers are written with a power of ten  [1]
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 
@@ -102,7 +103,13 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
     if value is None:
         return "-"
     factor, name = reading(unit, value)
-    return f"{factor * value:.{digits}g} {name}".rstrip()
+    return f"{plain_number(factor * value, digits)} {name}".rstrip()
+
+
+def plain_number(value: float, digits: int = 4) -> str:
+    """Write a number to `digits` significant digits, and all before the point up to 99999: ``"10000"``."""
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text and abs(value) < POWERS_FROM else text
 
 
 def reading(unit: str, size: float) -> tuple[float, str]:

@@ -134,6 +134,13 @@ def test_any_text_is_a_number_or_a_mistake(text, unit):
         (9.38e-8, "s", "0.0938 us"),
         (-3e-6, "m", "-3 um"),
         (0.0, "s", "0 ms"),
+        (1e4, "N/m", "10000 N/m"),
+        (9999.7, "N/m", "10000 N/m"),
+        (-12345.6, "N/m", "-12346 N/m"),
+        (99999.0, "Pa", "99999 Pa"),
+        (123456.0, "Pa", "1.235e+05 Pa"),
+        (0.001, "1/s", "0.001 1/s"),
+        (math.inf, "1/s", "inf 1/s"),
     ],
 )
 def test_values_are_shown_in_units_that_people_read(value, unit, text):

@@ -18,7 +18,7 @@ from calib.confidence.profile import WINDOW_END
 from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
 from calib.report.pages.confidence import comparison_remarks, prediction_remarks, sampling_remarks
-from calib.units import reading, shown
+from calib.units import plain_number, reading, shown
 from calib.workflows.confidence import CONFIDENCE_PICTURE, confidence_study, pairs_of
 from calib.workflows.posterior import POSTERIOR_FILES, damage_of_sample
 
@@ -139,7 +139,7 @@ def _marginals(result: ConfidenceResult, posterior: PosteriorResult) -> Table:
         digits = max(MIN_DIGITS, 1 + distinguishing_digits(own.low, own.high))
         factor, unit = reading(own.unit, own.mean)
         interval = " .. ".join(shown(end, own.unit, digits) for end in (own.low, own.high))
-        deviation = f"{factor * own.standard_deviation:.2g} {unit}".rstrip()
+        deviation = f"{plain_number(factor * own.standard_deviation, 2)} {unit}".rstrip()
         table.add_row(escape(own.name), shown(own.mean, own.unit, digits), deviation, interval)
     return table
 

@@ -16,7 +16,7 @@ from calib.cli.status import folder_of
 from calib.diagnosis.discovery.artifacts import DISCOVERY
 from calib.diagnosis.discovery.discover import FOUND
 from calib.diagnosis.discovery.document import DiscoveryResult, NumberResult
-from calib.units import shown
+from calib.units import plain_number, shown
 from calib.workflows.discover import FORCE_PICTURE, discover_study
 
 
@@ -42,7 +42,10 @@ def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path
                 f"visited {argument}: {shown(low, unit)} to {shown(high, unit)}; linear beyond", soft_wrap=True
             )
         force = np.array(function.force)[np.array(function.visited)]
-        console.print(f"force per unit mass there: {force.min():.3g} to {force.max():.3g} m/s^2", soft_wrap=True)
+        console.print(
+            f"force per unit mass there: {plain_number(force.min(), 3)} to {plain_number(force.max(), 3)} m/s^2",
+            soft_wrap=True,
+        )
     _formulas(result, console)
     _histories(result, console)
     for text in result.curves:
@@ -101,8 +104,10 @@ def _histories(result: DiscoveryResult, console: Console) -> None:
 
 def _numbers(numbers: Sequence[NumberResult], console: Console) -> None:
     for n in numbers:
-        error = "" if n.error is None else f" +- {n.error:.1g}"
-        console.print(f"  {n.name} = {n.value:.4g}{error} {escape(n.unit)}: {escape(n.meaning)}", soft_wrap=True)
+        error = "" if n.error is None else f" +- {plain_number(n.error, 1)}"
+        console.print(
+            f"  {n.name} = {plain_number(n.value)}{error} {escape(n.unit)}: {escape(n.meaning)}", soft_wrap=True
+        )
 
 
 def _trials(result: DiscoveryResult) -> Table:

@@ -7,6 +7,7 @@ import numpy as np
 
 from calib.modelling.parameter import Space
 from calib.store import Trial
+from calib.units import plain_number
 
 NEAR_OPTIMAL_RATIO = 1.25  # distance over the best one, up to which a trial fits nearly as well  [1]
 MIN_NEAR_OPTIMAL_TRIALS = 12  # that fit nearly as well: fewer describe nothing  [count]
@@ -35,7 +36,11 @@ def describe_near_optimal(space: Space, trials: Sequence[Trial], units: dict[str
     low, high = near.min(axis=0), near.max(axis=0)
     wide = [name for name, span in zip(space.names, high - low, strict=True) if span > MAX_WINDOW_SPAN]
     ends = space.values(low), space.values(high)
-    shared = [f"{n} {ends[0][n]:.3g} .. {ends[1][n]:.3g} {units[n]}" for n in space.names if n not in wide]
+    shared = [
+        f"{n} {plain_number(ends[0][n], 3)} .. {plain_number(ends[1][n], 3)} {units[n]}"
+        for n in space.names
+        if n not in wide
+    ]
     parts = []
     if shared:
         parts.append(f"have {', '.join(shared)} in common")

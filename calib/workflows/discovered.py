@@ -9,6 +9,7 @@ from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, N
 from calib.diagnosis.discovery.place import AT_INTERFACE
 from calib.errors import CalibError
 from calib.report.plots.found_force import found_force_figure
+from calib.units import plain_number
 from calib.workflows.plot import Plot
 
 if TYPE_CHECKING:
@@ -94,7 +95,8 @@ def formula_html(formula: FormulaResult) -> str:
 def numbers_html(numbers: Sequence[NumberResult]) -> str:
     """Table of the numbers of a formula or a law."""
     rows = "".join(
-        f"<tr><td>{n.name}</td><td>{n.value:.4g}</td><td>{'' if n.error is None else f'{n.error:.1g}'}</td>"
+        f"<tr><td>{n.name}</td><td>{plain_number(n.value)}</td>"
+        f"<td>{'' if n.error is None else plain_number(n.error, 1)}</td>"
         f"<td>{html.escape(n.unit)}</td><td>{html.escape(n.meaning)}</td></tr>"
         for n in numbers
     )

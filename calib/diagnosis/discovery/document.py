@@ -6,6 +6,7 @@ from typing import Any
 
 from calib.diagnosis.document import GateResult
 from calib.store.plain import plain, typed
+from calib.units import plain_number
 
 OF_HISTORY = "history_dependent"  # verdict that a law with internal states predicts better than functions of the state
 
@@ -56,7 +57,7 @@ class NumberResult:
 
 
 def _listed(numbers: Sequence[NumberResult]) -> str:
-    return ", ".join(f"{n.name} = {n.value:.4g} {n.unit}" for n in numbers)
+    return ", ".join(f"{n.name} = {plain_number(n.value)} {n.unit}" for n in numbers)
 
 
 @dataclass(frozen=True)

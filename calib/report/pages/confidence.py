@@ -25,7 +25,7 @@ from calib.report.pages.picture import Picture
 from calib.report.plots.predictive import predictive_of_record
 from calib.report.plots.profiles import profiles_figure
 from calib.study import CalibrationResult
-from calib.units import reading, shown
+from calib.units import plain_number, reading, shown
 
 PROFILES = (
     "Likelihood-ratio statistic (twice the fall of the log-likelihood from its best value) over each parameter, all "
@@ -194,7 +194,7 @@ def prediction_remarks(record: PredictedRecordResult) -> list[str]:
 
 def _marginal(own: MarginalResult) -> MarginalRow:
     factor, unit = reading(own.unit, own.mean)
-    deviation = f"{factor * own.standard_deviation:.2g} {unit}".rstrip()
+    deviation = f"{plain_number(factor * own.standard_deviation, 2)} {unit}".rstrip()
     interval = f"{shown(own.low, own.unit)} .. {shown(own.high, own.unit)}"
     return MarginalRow(own.name, shown(own.mean, own.unit), deviation, interval, own.prior)
 

@@ -11,6 +11,7 @@ from calib.report.plots.continuation import DASHED, stability_line
 from calib.report.plots.response import LEVELS, LIGHTEST
 from calib.report.plots.style import LINE, STYLE, shown_unit
 from calib.report.plots.sweeps import BESIDE, WIDE_FIGURE_WIDTH, channel_scale
+from calib.units import plain_number
 
 
 def backbone_figure(curves: xr.Dataset) -> Figure:
@@ -37,7 +38,7 @@ def backbone_figure(curves: xr.Dataset) -> Figure:
             for axes, values in ((upper, scale * part.amplitude.values), (lower, factor * part.level.values)):
                 stability_line(axes, part.frequency.values, values, part.stable.values.astype(bool), colour)
             if not backbone:
-                label = f"{scale * float(part.amplitude[0]):.4g} {unit}"
+                label = f"{plain_number(scale * float(part.amplitude[0]))} {unit}"
                 handles.append(Line2D([], [], color=colour, linewidth=1.5, label=label))
         if constant and len(constant) < kinds.size:
             handles.append(Line2D([], [], color=LINE, linewidth=1.5, label="backbone"))

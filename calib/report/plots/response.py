@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from calib.report.plots.continuation import DASHED, SPECIAL, Colour, stability_line
 from calib.report.plots.style import LINE, OTHER, STYLE, Look, shown_unit
 from calib.report.plots.sweeps import BESIDE, WIDE_FIGURE_WIDTH, channel_scale, known_bodies
+from calib.units import plain_number
 
 LEVELS = mpl.colormaps["viridis"]  # colours of the levels
 LIGHTEST = 0.82  # of the colour map: the yellow beyond it is too light on white  [1]
@@ -97,7 +98,7 @@ def _levels(axes: Axes, response: xr.Dataset, colours: Mapping[float, Colour], m
     unit = response.branch_level.attrs["units"]
     factor, name = shown_unit(unit, max(colours))
     handles = [
-        Line2D([], [], color=colour, linewidth=1.5, label=f"{factor * level:.4g} {name}")
+        Line2D([], [], color=colour, linewidth=1.5, label=f"{plain_number(factor * level)} {name}")
         for level, colour in sorted(colours.items(), reverse=True)
     ]
     if not response.stable.all():

@@ -32,6 +32,7 @@ from calib.report.plots.sweeps import (
     swept,
     title,
 )
+from calib.units import plain_number
 
 PANELS_PER_ROW = 3  # panels side by side
 BASIN_COLOURS = (
@@ -128,7 +129,7 @@ def _size(x: np.ndarray, y: np.ndarray, ends: Limits) -> float:
 def _heading(run: xr.Dataset, names: Sequence[str]) -> str:
     """Values of the parameters, and on a second line the kinds of motion of the branches."""
     shown = [swept(run[name].expand_dims("run")) for name in names]
-    values = ", ".join(f"{s.name} = {s.places[0]:.4g} {s.unit}".removesuffix(" 1") for s in shown)
+    values = ", ".join(f"{s.name} = {plain_number(s.places[0])} {s.unit}".removesuffix(" 1") for s in shown)
     return f"{values}\n{' | '.join(dict.fromkeys(np.atleast_1d(run.kind.values).astype(str)))}"
 
 

@@ -10,7 +10,7 @@ from calib.sweep.sensitivity.document import (
     OutputSensitivity,
     SensitivityResult,
 )
-from calib.units import reading
+from calib.units import plain_number, reading
 
 NEGLIGIBLE_STRENGTH = 0.05  # upper bound over the strongest parameter's, or of the variance, of one that hardly counts
 MIN_MONOTONIC_SHARE = 0.9  # |mu| over mu_star, from which the output rises or falls with the parameter throughout
@@ -87,7 +87,7 @@ def _size(estimate: Estimate, output: OutputSensitivity) -> str:
     if output.of in (KIND, STATUS):
         return f"{estimate.value:.2g} [{estimate.low:.2g}, {estimate.high:.2g}]"
     factor, unit = reading(output.unit, estimate.value)
-    value, low, high = (f"{factor * x:.3g}" for x in (estimate.value, estimate.low, estimate.high))
+    value, low, high = (plain_number(factor * x, 3) for x in (estimate.value, estimate.low, estimate.high))
     return f"{value} [{low}, {high}] {unit}".rstrip()
 
 
