@@ -18,7 +18,7 @@ from calib.cli.status import folder_of
 from calib.diagnosis.document import DiagnosisResult, SuspectResult
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
 from calib.execution.progress import LINE_INTERVAL
-from calib.report.formatting import distinguishing_digits
+from calib.report.formatting import distinguishing_digits, quantity
 from calib.report.pages.diagnosis.conclusion import REFITTED, left_out, proposal
 from calib.report.pages.diagnosis.sizes import (
     disagreements,
@@ -26,11 +26,11 @@ from calib.report.pages.diagnosis.sizes import (
     is_untested,
     moved_sizes,
     moved_values,
+    size_alone,
     sizes,
 )
 from calib.report.pages.diagnosis.suspects import outcome
 from calib.report.plots.suspects import SuspectOutcome
-from calib.units import shown
 from calib.workflows.diagnose import diagnose_study
 
 MAX_PRINTED_SUSPECTS = 12  # suspects that are printed
@@ -102,7 +102,7 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
             console.print(f"[red]gate {gate.name}[/]: {escape(gate.summary)}", soft_wrap=True)
     if len(diagnosis.joint_sizes) > 1:
         joint = (", ".join((name, *sizes(size))) for name, size in diagnosis.joint_sizes.items())
-        console.print(f"sizes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
+        console.print(f"sizes of causes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
     if diagnosis.suspects:
         console.print(_suspects(diagnosis, console.width))
     for line in (*left_out(diagnosis), *_gain(diagnosis), *disagreements(diagnosis), *moved_sizes(diagnosis)):
@@ -122,7 +122,7 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
 
 def _suspects(diagnosis: DiagnosisResult, width: int) -> Table:
     threshold = "" if diagnosis.threshold is None else f" (threshold |z| = {diagnosis.threshold:.2f})"
-    table = Table(title=f"suspects{threshold}", title_justify="left")
+    table = Table(title=f"suspects, each alone in the model{threshold}", title_justify="left")
     wide = width >= FULL_TABLE_COLUMNS
     table.add_column("effect", no_wrap=True)
     for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
@@ -134,10 +134,10 @@ def _suspects(diagnosis: DiagnosisResult, width: int) -> Table:
             escape(suspect.effect),
             f"{suspect.z:.1f}" if scored else "-",
             _explains(suspect, diagnosis),
-            "-" if absorbed else ", ".join(sizes(diagnosis.joint_sizes.get(suspect.effect, suspect))),
+            "-" if absorbed else ", ".join(sizes(size_alone(suspect, diagnosis))),
         )
         least = None if absorbed else suspect.detectable[first]
-        further = shown(least, suspect.units[first], 2), f"{suspect.absorbed:.0%}"
+        further = quantity(least, suspect.units[first], 2), f"{suspect.absorbed:.0%}"
         table.add_row(*row, *(further if wide else ()))
     return table
 

@@ -111,6 +111,28 @@ def test_a_size_that_another_cause_moves_out_of_its_interval_is_told_with_both_v
     assert all("c2 = 2.40 ± 0.16 1/m alone and 7.50 ± 0.50 1/m beside the others" in point for point in told)
 
 
+def test_the_table_of_suspects_has_sizes_alone_and_says_apart_what_they_are_with_other_causes(study, tmp_path):
+    """Z and share are of the effect alone: beside them a size fitted together would contradict them."""
+    said = document("named", VALUES)
+    own = {"size": {"c2": 0.01}, "interval": {"c2": [-0.49, 0.51]}, "units": {"c2": "1/m"}}
+    other = {"size": {"lag": 2e-3}, "interval": {"lag": [1e-3, 3e-3]}, "units": {"lag": "s"}}
+    for joint, alone, together in (
+        ({"quadratic_drag": own}, "c2 = 0.01 ± 0.50 1/m", ()),
+        ({"quadratic_drag": own, "channel_lag": other}, "c2 = 2.40 ± 0.16 1/m", ("c2 = 0.01 ± 0.50 1/m",)),
+    ):
+        found = result(said | {"joint_sizes": joint})
+        [row] = [one for one in chapter(found, {}, CALIBRATED, study).suspects.shown if one.effect == "quadratic_drag"]
+        assert (row.sizes, row.together) == ((alone,), together)
+        show(found, tmp_path, None, Console(file=(shown := io.StringIO()), width=200))
+        [printed] = [one for one in cells(shown.getvalue()) if one[0] == "quadratic_drag"]
+        assert printed[3] == alone
+        text = "sizes of causes fitted together: quadratic_drag, c2 = 0.01 ± 0.50 1/m; channel_lag, lag = 2.0 ± 1.0 ms"
+        assert (text in shown.getvalue().splitlines()) == bool(together)
+        assert "suspects, each alone in the model (threshold |z| = " in shown.getvalue()
+        page = words(render(study, [], {}, CALIBRATED, diagnosis=found, motions={}))
+        assert ("with the other causes: c2 = 0.01 ± 0.50 1/m" in page) == bool(together)
+
+
 def test_causes_that_were_exchanged_after_the_rounds_are_in_their_table(study):
     exchange = {"before": ["gain"], "after": ["lag", "scale"], "reason": "of all pairs this one explains most"}
     said = document("named", VALUES) | {"exchanges": [exchange]}

@@ -33,6 +33,21 @@ def is_absorbed(suspect: SuspectResult) -> bool:
     return suspect.absorbed > MAX_ABSORBED and not explains
 
 
+def size_alone(suspect: SuspectResult, diagnosis: DiagnosisResult) -> SuspectResult | JointSize:
+    """What is known of the size of a suspect with no other effect in the model, as its z and its share are.
+
+    That of the only cause is the size in the final model.
+    """
+    only = len(diagnosis.joint_sizes) == 1
+    return diagnosis.joint_sizes.get(suspect.effect, suspect) if only else suspect
+
+
+def sizes_together(effect: str, diagnosis: DiagnosisResult) -> list[str]:
+    """Write the sizes of one of several causes that were fitted together; empty for any other suspect."""
+    several = len(diagnosis.joint_sizes) > 1
+    return sizes(diagnosis.joint_sizes[effect]) if several and effect in diagnosis.joint_sizes else []
+
+
 def sizes(known: SuspectResult | JointSize) -> list[str]:
     """Write the sizes of an effect with their 95 % intervals and units, of those parameters that are determined.
 

@@ -8,7 +8,7 @@ from calib.diagnosis.excess import significant
 from calib.diagnosis.verdict import NONE, ONE_OF, UNEXPLAINED, explained
 from calib.report.formatting import number, percent, quantity, signed
 from calib.report.pages.diagnosis.conclusion import added
-from calib.report.pages.diagnosis.sizes import is_absorbed, is_untested, sizes
+from calib.report.pages.diagnosis.sizes import is_absorbed, is_untested, size_alone, sizes, sizes_together
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.suspects import COLOURS, EMPHASISED, Strength, SuspectOutcome, suspect_strengths
 
@@ -24,7 +24,10 @@ STRENGTHS = (
 
 @dataclass(frozen=True)
 class SuspectRow:
-    """A suspected effect: what it adds, its strength, size and share, and what the diagnosis concludes of it."""
+    """A suspected effect: what it adds, its strength, size and share, and what the diagnosis concludes of it.
+
+    `sizes` are those of the effect alone, as z and share are; `together` those beside other causes.
+    """
 
     effect: str
     meaning: str
@@ -35,6 +38,7 @@ class SuspectRow:
     bold: bool
     z: str
     sizes: tuple[str, ...]
+    together: tuple[str, ...]
     held: tuple[str, ...]
     share: str
     estimated: bool
@@ -118,7 +122,6 @@ def strengths_picture(diagnosis: DiagnosisResult, outcomes: Mapping[str, Suspect
 def _row(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: DiagnosisResult) -> SuspectRow:
     untested, absorbed = is_untested(suspect), is_absorbed(suspect)
     share = _explained_share(suspect, outcome, diagnosis)
-    known = diagnosis.joint_sizes.get(suspect.effect, suspect)
     held = {name: value for name, value in suspect.held.items() if value is not None}  # None is infinite
     detectable = {} if absorbed else {name: x for name, x in suspect.detectable.items() if x is not None}
     scored = suspect.z is not None and not untested and outcome != SuspectOutcome.ABSORBED
@@ -131,7 +134,8 @@ def _row(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: DiagnosisRe
         colour=COLOURS[outcome],
         bold=outcome in EMPHASISED,
         z=signed(suspect.z) if scored and suspect.z is not None else "-",
-        sizes=("-",) if untested or absorbed else tuple(sizes(known)),
+        sizes=("-",) if untested or absorbed else tuple(sizes(size_alone(suspect, diagnosis))),
+        together=tuple(sizes_together(suspect.effect, diagnosis)),
         held=tuple(f"{name} = {quantity(value, suspect.units.get(name))}" for name, value in held.items()),
         share="-" if share is None else explained(share),
         estimated=share is not None and not suspect.refitted,
