@@ -13,6 +13,7 @@ from calib import records
 from calib.errors import CalibError
 from calib.modelling.simulator import Request
 from calib.records.excitation import Excitation
+from calib.store.record_files import best_records
 from calib.workflows.calibrate import calibrate, rebuild
 
 MINIMAL = Path(__file__).parents[2] / "studies" / "minimal" / "study.toml"
@@ -51,6 +52,14 @@ def test_a_stated_frequency_that_the_samples_do_not_show_is_said_once_before_the
         for line in lines:
             said = re.match(r"mind: record 'bench' repeats itself at ([\d.]+) Hz, not at the 10 Hz of", line)
             assert float(said[1]) == pytest.approx(1.1 * FREQUENCY, abs=0.02)
+
+
+def test_records_may_have_names_that_no_address_could_have(tmp_path):
+    second = '[[record]]\nname = "my bench, 2 #1?"\npath = "bench.nc"\nnuisance = ["trigger"]\n'
+    path = write_study(tmp_path, ('name = "bench"', 'name = "my bench"'), ("[model]", f"{second}\n[model]"))
+    calibrate(path, quiet=True)
+    assert set(best_records(tmp_path / "out")) == {"my bench", "my bench, 2 #1?"}
+    assert "my bench, 2 #1?" in rebuild(path).read_text()
 
 
 def test_the_report_of_a_folder_without_a_run_is_refused(tmp_path):

@@ -1,5 +1,7 @@
 """Claims about the pictures of a page: each that it shows is drawn, by any number of processes alike."""
 
+import re
+
 import pytest
 from matplotlib.figure import Figure
 
@@ -20,6 +22,14 @@ def test_every_picture_of_what_a_page_shows_is_drawn(jobs):
     assert list(elements) == ["a", "c"]
     assert elements == drawn({"a": line(1.0, "a"), "c": line(2.0, "c")}, 1)
     assert all(element.startswith("<svg") for element in elements.values())
+
+
+def test_links_within_a_picture_work_whatever_its_record_is_called():
+    name = 'loop-my "bench", 2 #1?'
+    element = drawn([line(1.0, name)], 1)[name]
+    wanted = re.findall(r'href="#([^"]*)"', element) + re.findall(r"url\(#([^)]*)\)", element)
+    assert wanted
+    assert set(wanted) <= set(re.findall(r'\bid="([^"]*)"', element))
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
