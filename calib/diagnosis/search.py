@@ -103,10 +103,11 @@ def search(
         rivals = rival_suspects(fitter.evidence, possible, threshold)
     latest = {id(s.candidate): s for s in refitted}
     if rivals:  # indistinguishable suspects are compared again, each with its best-fitting form
+        again = [*rivals, *_special_cases(rivals, possible)]
         formed = list(
-            fitter.in_turn([partial(_with_fitted_form, suspect=s, before=before, common=common) for s in rivals])
+            fitter.in_turn([partial(_with_fitted_form, suspect=s, before=before, common=common) for s in again])
         )
-        latest |= {id(s.candidate): other for s, other in zip(rivals, formed, strict=True)}
+        latest |= {id(s.candidate): other for s, other in zip(again, formed, strict=True)}
         rivals = rival_suspects(fitter.evidence, formed, threshold)
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
     chosen = simplest(rivals) if rivals else None
@@ -379,6 +380,18 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
     rivals = leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold))
     names = {rival.name for rival in rivals}
     return tuple(rival for rival in rivals if not names & set(rival.generalises))
+
+
+def _special_cases(rivals: Sequence[Refitted], possible: Sequence[Refitted]) -> list[Refitted]:
+    """Suspects that are no rivals with the form they are tried with, and that rivals contain as special cases.
+
+    What rivals explain beyond them may be the poorer guess of their form: nested models are compared at their maxima.
+    """
+    contained = {name for rival in rivals for name in rival.generalises}
+    while more := {name for s in possible if s.name in contained for name in s.generalises} - contained:
+        contained |= more
+    others = contained - {rival.name for rival in rivals}
+    return leading_variants(sorted((s for s in possible if s.name in others), key=lambda s: -s.chi2_reduction))
 
 
 def with_possible_causes(

@@ -103,6 +103,14 @@ def test_a_hidden_force_is_in_the_reported_class(tmp_path, cause):
 
 
 @pytest.mark.slow
+def test_friction_with_a_stiffness_is_not_taken_for_a_law_that_contains_it(tmp_path):
+    truth, said = diagnosed("presliding", 71, tmp_path, candidates=("presliding", "bouc_wen"))
+    assert said["causes"] == ["presliding"]
+    [own] = [one for one in said["suspects"] if one["effect"] == "presliding"]
+    assert own["size"]["dahl_force"] == pytest.approx(truth.size, rel=0.1)
+
+
+@pytest.mark.slow
 def test_nothing_is_found_where_the_level_wanders_untold(tmp_path):
     _, said = diagnosed(None, 53, tmp_path, SteppedLaboratory.drawn("level", 53))
     assert said["verdict"] == "none"

@@ -10,6 +10,7 @@ from calib.diagnosis.search import (
     _refits,
     _refits_from_the_middle,
     _similar_to_the_best,
+    _special_cases,
     rival_suspects,
     with_possible_causes,
 )
@@ -51,6 +52,17 @@ def test_a_law_that_explains_no_more_than_its_special_case_is_no_rival_of_it(beh
     general = suspect("general", 1, 200.0, SIZE, ("simple",))
     simple = suspect("simple", 1, 200.0 - behind, SIZE)
     assert [s.name for s in rival_suspects(EVIDENCE, [general, simple], LIMIT)] == names
+
+
+def test_special_cases_of_a_rival_are_compared_with_it_however_far_behind_the_form_they_are_tried_with():
+    """A law of three parameters of form fits better than its special case with a poor guess of its one."""
+    general, other = suspect("general", 1, 200.0, SIZE, ("simple",)), suspect("other", 1, 190.0, SIZE)
+    far, near = suspect("simple", 1, 20.0, SIZE, ("simplest",)), suspect("simple", 1, 120.0, SIZE, ("simplest",))
+    simplest = suspect("simplest", 1, 15.0, SIZE)
+    possible = [simplest, far, other, general, near]
+    assert _special_cases([general], possible) == [near, simplest]
+    assert _special_cases([general, near], possible) == [simplest]
+    assert _special_cases([other], possible) == []
 
 
 def fitted(name, reduction, *residual):
