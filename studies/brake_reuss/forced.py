@@ -8,8 +8,8 @@ The motion is taken as harmonic, x = X cos(w t) with the measured X and w, as th
 to 300 is. The force F is then the first harmonic of m x'' + c x' + k x - m f(x, x', z), with f the registered effects
 and z their internal states after CYCLES cycles; with `residual_compliance` r it is that for X - r F, r F being the
 displacement by all other modes. Mass, stiffness, damping and the parameters of a law are fitted by least squares to the
-complex force of the five levels of record `held`, each level over the rms of its force (in X - r F with the measured F);
-the seven other levels are predicted. The error of a level is the rms of predicted minus measured modulus over the rms
+complex force of the five levels of record `held`, each level over the rms of its force, with the measured F in r F; the
+seven other levels are predicted. The error of a level is the rms of predicted minus measured modulus over the rms
 of the measured one.
 """
 
