@@ -109,7 +109,7 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
 def plain_number(value: float, digits: int = 4) -> str:
     """Write a number to `digits` significant digits, and all before the point up to 99999: ``"10000"``."""
     text = f"{value:.{digits}g}"
-    return f"{value:.0f}" if "e+" in text and abs(value) < POWERS_FROM else text
+    return f"{value:.0f}" if "e+" in text and abs(float(text)) < POWERS_FROM else text
 
 
 def reading(unit: str, size: float) -> tuple[float, str]:

@@ -15,7 +15,8 @@ from calib.diagnosis.noise import MAX_ORDER
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
-from calib.diagnosis.search import Round, chi2_of_a_rival, rival_suspects, search, simplest, with_possible_causes
+from calib.diagnosis.rivals import rival_suspects, simplest, with_possible_causes
+from calib.diagnosis.search import Round, chi2_of_a_rival, search
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, leading_variants
 

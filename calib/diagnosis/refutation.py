@@ -12,7 +12,7 @@ from calib.diagnosis.elimination import several_sizes
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.revision import exchanged, left_out, paired
-from calib.diagnosis.search import simplest
+from calib.diagnosis.rivals import simplest
 from calib.diagnosis.second_cause import with_second_cause
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted

@@ -103,27 +103,28 @@ def swept_curves(
 
     Returns
     -------
-    response of the same sweeps, with the points of the continuation; `piece` (point,) numbers its stable stretches, and
-    the attribute `jumps` says where they end; as effects at the site "response" have it measured. A failed record where
-    the motions of a sweep are not periodic.
+    response of the same sweeps, with the points of the continuation, as effects at the site "response" have it
+    measured; `piece` (point,) numbers its stable stretches, and the attribute `jumps` says where they end. A failed
+    record where the motions of a sweep are not periodic, or nothing could move.
     curves of those sweeps that are one stretch of series
 
     Raises
     ------
     CalibError : an unknown parameter, or a simulator without a period map that samples its motion
     """
-    first = replace(
-        excitation, frequency=float(measured["frequency"][0]), amplitude=float(measured["level"][0]), phase=0.0
-    )
+    frequency, levels = measured["frequency"].values, measured["level"].values
+    first = replace(excitation, frequency=float(frequency[0]), amplitude=float(levels[0]), phase=0.0)
     setting = Setting(model, first, values)
-    bodies = sampled(setting, setting.map()).bodies
+    try:
+        bodies = sampled(setting, setting.map()).bodies
+    except ValueError as error:  # nothing that could move
+        return failed(model.bodies, "impossible value", str(error)), {}
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("frequency", "amplitude", "level", "sweep", "piece")}
-    directions, jumps, number, curves = list[np.ndarray](), list[str](), 0, dict[float, SeriesStretch]()
+    directions, jumps, curves = list[np.ndarray](), list[str](), dict[float, SeriesStretch]()
     for sweep, points in sweeps(measured):
         direction = float(measured["direction"][points[0]])
-        level = level_over_frequency(measured["frequency"].values[points], measured["level"].values[points])
-        stops = _stops(measured["frequency"].values[points], direction)
-        path = _path(setting, level, stops, known.get(sweep))
+        level = level_over_frequency(frequency[points], levels[points])
+        path = _path(setting, level, _stops(frequency[points], direction), known.get(sweep))
         if path.reason:
             return failed(bodies, "not periodic", f"sweep {sweep:g}: {path.reason}"), {}
         if len(path.pieces) == 1 and isinstance(path.pieces[0], SeriesStretch):
@@ -135,9 +136,8 @@ def swept_curves(
             rows["amplitude"].append(_amplitudes(setting, level, piece).T)
             rows["level"].append(np.array([level(f) for f in own.tolist()]))
             rows["sweep"].append(np.full(own.size, sweep))
-            rows["piece"].append(np.full(own.size, float(number)))
+            rows["piece"].append(np.full(own.size, float(len(directions))))
             directions.append(np.full(own.size, direction))
-            number += 1
     joined = {key: np.concatenate(parts, axis=-1) for key, parts in rows.items()}
     record = make_response(
         joined["frequency"], bodies, joined["amplitude"], joined["level"], str(measured["level"].attrs["units"]),

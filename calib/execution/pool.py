@@ -10,8 +10,7 @@ from calib.errors import CalibError, CodeChanged
 
 REFUSED, RAISED, TIMEOUT, CRASHED, MEMORY = "refused", "raised", "timeout", "crashed", "memory"
 
-
-OnCompiling = Callable[[bool], None]  # told that kernels begin to be compiled, and that they are
+OnCompiling = Callable[[bool], None]  # told True when kernels begin to be compiled, False when that has ended
 
 
 class Pool(Protocol):

@@ -46,9 +46,10 @@ class FirstTrials:
         causes = {(trials[n].status, trials[n].cause) if n in trials else None for n in asked}
         if exception in NUMERICAL_ACCIDENTS or len(causes) > 1:
             return
+        reason = " ".join(failure.reason.split())
         raise FirstTrialsFailed(
             f"each of the first {len(asked)} trials failed with the same exception, and the search was stopped before "
-            f"it spends its budget on others: {failure.reason}. Mend what that line belongs to (`calib run --dry-run` "
+            f"it spends its budget on others: {reason}. Mend what that line belongs to (`calib run --dry-run` "
             "tries it once), and give the same command again: the trials are kept, and those by code that has changed "
             "are evaluated anew. Where nothing was wrong with the code, the same command goes on with other points, "
             "and --fresh begins anew"

@@ -225,17 +225,28 @@ class Search:
             self._best = best([trial] if self._best is None else [self._best, trial])
             if self._on_trial is not None:
                 self._on_trial(trial, self._best, len(self.trials))
-            if isinstance(result, Failure) and self._best is None and len(self.trials) < self._study.budget:
+            if isinstance(result, Failure) and self._best is None and self._left:
                 self._first.check(self.trials, number, result)
+
+    @property
+    def _left(self) -> bool:
+        """Whether budget is left beside the trials of the present code."""
+        return sum(trial.status != FORMER_CODE for trial in self.trials.values()) < self._study.budget
 
 
 def _to_repeat(trials: list[Trial]) -> list[list[float]]:
-    """Points that the present code evaluates first: the best by former code, or its screen where that has no best."""
+    """Points that the present code evaluates first: the best by former code, or its screen before a first search."""
     former = [trial for trial in trials if trial.status == FORMER_CODE]
+    present = [trial for trial in trials if trial.status != FORMER_CODE]
     scored = [trial for trial in former if math.isfinite(trial.former_cost)]
     top = min(scored, key=lambda trial: (trial.former_cost, trial.number), default=None)
-    points = [trial.u for trial in former if trial.phase == "screen"] if top is None else [top.u]
-    evaluated = [trial.u for trial in trials if trial.status != FORMER_CODE]
+    if top is not None:
+        points = [top.u]
+    elif any(math.isfinite(trial.cost) for trial in present if trial.phase == "search"):
+        points = []
+    else:
+        points = [trial.u for trial in former if trial.phase == "screen"]
+    evaluated = [trial.u for trial in present]
     return [point for point in points if point not in evaluated]
 
 

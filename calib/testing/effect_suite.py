@@ -51,7 +51,7 @@ class EffectSuite:
         return load("calib.simulators", "four_dof")()
 
     def run(self, *effects: Effect, **values: float) -> xr.Dataset:
-        """Return the record with some effects."""
+        """Return the record with some effects, of the site "response" the response."""
         model, own = Model(self.make(), effects), {**self.values, **values}
         if self.effect.site == "response":
             return model.measured_response(self.response, own)

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 from in_turn import InTurn
 
-from calib.diagnosis.search import (
-    _refits,
-    _refits_from_the_middle,
-    _similar_to_the_best,
-    _special_cases,
-    rival_suspects,
-    with_possible_causes,
-)
+from calib.diagnosis.rivals import not_refuted, rival_suspects, special_cases, with_possible_causes
+from calib.diagnosis.search import _refits, _refits_from_the_middle, _similar_to_the_best
 
 SIZE, LIMIT = 1000.0, 3.4
 EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
@@ -60,9 +54,17 @@ def test_special_cases_of_a_rival_are_compared_with_it_however_far_behind_the_fo
     far, near = suspect("simple", 1, 20.0, SIZE, ("simplest",)), suspect("simple", 1, 120.0, SIZE, ("simplest",))
     simplest = suspect("simplest", 1, 15.0, SIZE)
     possible = [simplest, far, other, general, near]
-    assert _special_cases([general], possible) == [near, simplest]
-    assert _special_cases([general, near], possible) == [simplest]
-    assert _special_cases([other], possible) == []
+    suspects = [*possible, suspect("impossible", 1, 0.0, SIZE, ("simplest",))]
+    assert special_cases([general], possible, suspects) == [near, simplest]
+    assert special_cases([general, near], possible, suspects) == [simplest]
+    assert special_cases([other], possible, suspects) == []
+    assert special_cases([suspect("most general", 1, 210.0, SIZE, ("impossible",))], possible, suspects) == [simplest]
+
+
+@pytest.mark.parametrize(("behind", "kept"), [(5.8, True), (6.2, False)])  # 5.99: 95 % of two degrees of freedom
+def test_a_special_case_is_a_rival_where_the_further_parameters_of_the_general_law_may_be_absent(behind, kept):
+    general, simple = suspect("general", 4, 200.0, SIZE, ("simple",)), suspect("simple", 2, 200.0 - behind, SIZE)
+    assert not_refuted(EVIDENCE, [suspect("worse", 1, 150.0, SIZE), general], [simple]) == [simple] * kept
 
 
 def fitted(name, reduction, *residual):

@@ -37,6 +37,13 @@ def test_the_response_of_a_linear_oscillator_is_its_transfer_function():
     np.testing.assert_allclose(complex_amplitude(found)[0], expected, atol=1e-8 * abs(expected).max())
 
 
+def test_values_of_which_nothing_could_move_are_a_failed_simulation():
+    measured = make_response(np.linspace(2.6, 4.0, 8), ["mass"], np.ones((1, 8)), 0.5, "N", 0, 1.0)
+    found = swept_response(Model(Oscillator()), {**VALUES, "mass": 0.0}, FORCE, measured)
+    assert found.attrs["status"] == "impossible value"
+    assert "mass" in found.attrs["reason"]
+
+
 def test_a_sweep_down_jumps_up_where_the_lower_branch_folds():
     found = swept(np.linspace(4.2, 3.0, 7), 0.6, -1.0, k3=4e5)
     assert found.attrs["jumps"].startswith("sweep 0: fold at 3.50802")

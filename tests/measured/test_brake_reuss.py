@@ -71,8 +71,10 @@ def test_with_the_residual_of_other_modes_all_held_levels_are_predicted_within_1
     laws = ("power_law_damping", "softening", "cubic_stiffness", "residual_compliance")
     fit = forced.fitted(laws, levels["held"])
     assert fit.values["residual_compliance"] == pytest.approx(-6.1e-6, rel=0.05)
-    errors = [fit.error(level) for name in ("between", "driven") for level in levels[name]]
-    assert errors == pytest.approx([0.057, 0.095, 0.064, 0.181, 0.097, 0.070, 0.066], abs=0.004)
+    between, driven = ([fit.error(level) for level in levels[name]] for name in ("between", "driven"))
+    assert max(between) < 0.1
+    assert between == pytest.approx([0.057, 0.095, 0.064], abs=0.01)
+    assert driven == pytest.approx([0.181, 0.097, 0.070, 0.066], abs=0.01)
 
 
 def test_the_loss_on_the_sides_of_the_resonance_is_one_once_that_residual_is_taken_off(levels):

@@ -4,6 +4,7 @@ import math
 import re
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -66,6 +67,13 @@ def test_the_same_command_goes_on_with_other_points_where_nothing_was_mended(tmp
             run(broken(60), tmp_path)
         assert len(read(tmp_path)[1]) == trials
     assert len(run(broken(60), tmp_path).trials) == 60
+
+
+def test_a_second_mistake_ends_the_run_again_also_where_former_trials_have_spent_the_budget(tmp_path):
+    for number, code in enumerate(("old", "new"), start=1):
+        with warnings.catch_warnings(action="ignore"), pytest.raises(FirstTrialsFailed):  # of changed code
+            run(broken(screen=24, code={"bench": f"sha256 {code}"}, budget=24), tmp_path)
+        assert len(read(tmp_path)[1]) == 20 * number
 
 
 def test_mended_code_evaluates_the_screen_that_had_failed(tmp_path):

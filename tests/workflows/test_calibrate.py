@@ -44,9 +44,14 @@ def test_a_stated_frequency_that_the_samples_do_not_show_is_said_once_before_the
     record = Echo().run(TRUTH, driven, (), Request(periods=20, samples=100))
     record = record.drop_vars(["section_displacement", "section_velocity"])
     record = record.assign_attrs(place="base", quantity="base motion", amplitude=1e-3)
-    for stated, doubts in ((FREQUENCY, 1), (1.1 * FREQUENCY, 0)):
+    excitation = '[record.excitation]\nplace = "base"\nquantity = "base motion"\namplitude = "1 mm"\n'
+    excitation += 'frequency = "{:.6g} Hz"\n\n[model]'
+    right, wrong = 1.1 * FREQUENCY, FREQUENCY
+    for stated, corrected, doubts in ((wrong, None, 1), (right, None, 0), (wrong, right, 0), (right, wrong, 1)):
+        if corrected is not None:
+            path = write_study(tmp_path, ("[model]", excitation.format(corrected)))
         records.write(record.assign_attrs(frequency=stated), tmp_path / "bench.nc")
-        calibrate(path, tmp_path / str(doubts), budget=9)
+        calibrate(path, tmp_path / f"{stated:g} {corrected}", budget=9)
         lines = [line for line in capfd.readouterr().err.splitlines() if "repeats itself" in line]
         assert len(lines) == doubts
         for line in lines:

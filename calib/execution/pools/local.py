@@ -5,6 +5,7 @@ import pickle
 import queue
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 from typing import Any, Self
 
@@ -121,20 +122,24 @@ class LocalPool:
         finally:
             for slot in busy.values():
                 slot.close()
+            self._tell_compiling(idle)  # the others are closed
 
     def _ended(self, done: queue.SimpleQueue[int]) -> int:
         """Wait for the next call to end, saying meanwhile whether kernels are compiled; return its index."""
         while self._on_compiling is not None:
-            try:
-                return done.get(timeout=COMPILATION_INTERVAL)
-            except queue.Empty:
-                pass
-            finally:
-                compiling = any(slot.compiling for slot in self._slots)
-                if compiling != self._compiling:
-                    self._compiling = compiling
-                    self._on_compiling(compiling)
+            with suppress(queue.Empty):
+                index = done.get(timeout=COMPILATION_INTERVAL)
+                self._tell_compiling(self._slots)
+                return index
+            self._tell_compiling(self._slots)
         return done.get()
+
+    def _tell_compiling(self, slots: Iterable[Slot]) -> None:
+        """Tell whether one of these slots compiles kernels, where that has changed."""
+        compiling = any(slot.compiling for slot in slots)
+        if self._on_compiling is not None and compiling != self._compiling:
+            self._compiling = compiling
+            self._on_compiling(compiling)
 
     def close(self) -> None:
         """End the processes; calls under way are killed."""

@@ -1,0 +1,101 @@
+"""Which of the refitted suspects explain the residual alike."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
+from calib.diagnosis.score import deviate
+from calib.diagnosis.suspect import Refitted, Suspect, leading_variants
+
+
+def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: float) -> tuple[Refitted, ...]:
+    """Suspects indistinguishable from the one of the least AIC, one of each effect, the best first.
+
+    A simpler one is a rival too where the gain by the further parameters of the best is below the threshold of |z|:
+    beside it they would be no cause either. Where the best leaves more than noise, differences are judged by the
+    quasi-likelihood, divided by its reduced chi-square (Burnham & Anderson 2002, section 2.5). One that contains
+    another rival as a special case is none: it explains no more.
+    """
+    ordered = sorted(refitted, key=lambda s: s.aic_penalty - s.chi2_reduction)
+    if not ordered:
+        return ()
+    best = ordered[0]
+    dispersion = _dispersion(evidence, best)
+    rivals = leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold))
+    names = {rival.name for rival in rivals}
+    return tuple(rival for rival in rivals if not names & set(rival.generalises))
+
+
+def special_cases(
+    rivals: Sequence[Refitted], possible: Sequence[Refitted], suspects: Sequence[Suspect]
+) -> list[Refitted]:
+    """Possible causes that are no rivals with the form they are tried with, and that rivals contain as special cases.
+
+    What rivals explain beyond them may be the poorer guess of their form: nested models are compared at their maxima.
+    Among all suspects it is known what contains what.
+    """
+    contained = {name for rival in rivals for name in rival.generalises}
+    while more := {name for s in suspects if s.name in contained for name in s.generalises} - contained:
+        contained |= more
+    others = contained - {rival.name for rival in rivals}
+    return leading_variants(sorted((s for s in possible if s.name in others), key=lambda s: -s.chi2_reduction))
+
+
+def not_refuted(evidence: Evidence, rivals: Sequence[Refitted], special: Sequence[Refitted]) -> list[Refitted]:
+    """Special cases in the confidence region of the further parameters of the best rival (likelihood-ratio test)."""
+    best = min(rivals, key=lambda s: s.aic_penalty - s.chi2_reduction)
+    dispersion = _dispersion(evidence, best)
+    return [
+        s for s in special
+        if (best.chi2_reduction - s.chi2_reduction) / dispersion
+        <= chi2.ppf(CRITERIA.confidence_level, max(1, best.parameter_count - s.parameter_count))
+    ]  # fmt: skip
+
+
+def with_possible_causes(
+    evidence: Evidence, rivals: Sequence[Refitted], refitted: Sequence[Refitted]
+) -> tuple[Refitted, ...]:
+    """Rivals, the best first, and those refitted suspects that explain less than the best by a model error only.
+
+    Where the best leaves more than noise another suspect, which explains about as much, may be the cause. Then the
+    residual beside that other, of excess R, makes an angle with the difference d of both models whose cosine is
+    (X2 of the other - X2 of the best + |d|^2) / (2 |d| sqrt(R)); a model error has such a cosine with a given
+    difference only by chance.
+    """
+    if not rivals or not significant(excess_chi2(evidence, rivals[0].fit), chi2_std(evidence)):
+        return tuple(rivals)
+    known = {rival.name for rival in rivals}
+    others = sorted((s for s in refitted if s.name not in known), key=lambda s: s.fit.chi2)
+    return tuple(leading_variants([*rivals, *(s for s in others if _may_be_the_cause(evidence, s, rivals[0]))]))
+
+
+def _may_be_the_cause(evidence: Evidence, other: Refitted, best: Refitted) -> bool:
+    """Whether a suspect may be the cause in the place of the best, a model error beside it given."""
+    difference = other.fit.residual - best.fit.residual
+    square = float(difference @ difference)
+    if other.chi2_reduction < CRITERIA.min_explained_share * best.chi2_reduction:
+        return False
+    product = np.sqrt(square * excess_chi2(evidence, other.fit))
+    return other.fit.chi2 - best.fit.chi2 + square <= 2.0 * CRITERIA.max_model_error_cosine * product
+
+
+def simplest(rivals: Sequence[Refitted]) -> Refitted:
+    """The rival of the fewest parameters; of several, the one that reduces chi-square most."""
+    return min(rivals, key=lambda s: (s.aic_penalty, -s.chi2_reduction))
+
+
+def _is_rival(other: Refitted, best: Refitted, dispersion: float, threshold: float) -> bool:
+    """Whether a suspect is indistinguishable from the best."""
+    gap = best.chi2_reduction - other.chi2_reduction
+    further = best.parameter_count - other.parameter_count
+    tie = gap + other.aic_penalty - best.aic_penalty <= CRITERIA.aic_tie * dispersion
+    return tie or (further > 0 and bool(deviate(gap / dispersion, further) <= threshold))
+
+
+def _dispersion(evidence: Evidence, best: Refitted) -> float:
+    """Reduced chi-square that the best leaves, at least 1."""
+    return max(1.0, best.fit.chi2 / max(1.0, degrees_of_freedom(evidence, best.fit)))
