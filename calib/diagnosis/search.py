@@ -108,9 +108,10 @@ def search(
         formed = list(
             fitter.in_turn([partial(_with_fitted_form, suspect=s, before=before, common=common) for s in again])
         )
-        latest |= {id(s.candidate): other for s, other in zip(again, formed, strict=True)}
         own, special = formed[: len(rivals)], formed[len(rivals) :]
-        rivals = rival_suspects(fitter.evidence, [*own, *not_refuted(fitter.evidence, own, special)], threshold)
+        kept = [*own, *not_refuted(fitter.evidence, own, special)]
+        latest |= {id(s.candidate): other for s, other in zip(again, formed, strict=True) if other in kept}
+        rivals = rival_suspects(fitter.evidence, kept, threshold)
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
     chosen = simplest(rivals) if rivals else None
     rivals = with_possible_causes(fitter.evidence, rivals, [latest[id(s.candidate)] for s in possible])
