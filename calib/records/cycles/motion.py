@@ -17,6 +17,7 @@ MAX_PERIOD = 16  # periods of the excitation: the longest return that is disting
 CYCLE_RETURN_TOLERANCE = 1e-3  # of the amplitude, within which a periodic motion returns
 MAX_NOISE_RATIO = 1.5  # of the difference of a measured cycle that returns to its noise, in standard deviations
 MIN_CYCLES_OF_MEAN = 4  # for each period tried on freely sampled cycles
+AT_A_SAMPLE = 1e-6  # distance of an impact from the sample at its instant, over the interval of samples  [1]
 MAX_RESIDUAL = 0.01  # of the amplitude: residual about a mean cycle of few samples
 LIMITS_OF_RECORD = "; a record alone does not distinguish chaotic from quasi-periodic motion, or from a longer period"
 MIN_SHRINKING_DIFFERENCES = 6  # count: fewer show no trend
@@ -259,17 +260,31 @@ def _stated(record: xr.Dataset) -> MotionKind:
 
 
 def _normalised_cycles(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Cycles (row, cycle, phase) over the amplitude of their channel, and the deviation of their noise (row,)."""
+    """Cycles (row, cycle, phase) over the amplitude of their channel, and the deviation of their noise (row,).
+
+    Without the phases at which a sample is taken at the very instant of an impact: rounding decides whether it shows
+    the motion before it or behind it, in each cycle anew.
+    """
     period, time = period_of(record), record.variables["time"].values
     cycles, noise = [], []
     for channel in _state_channels(record):
         values = sampled(record, channel)
         amplitude = _amplitude(values)
-        cycles.append(cut(time, values, period)[0] / amplitude)
+        own, phase = cut(time, values, period)
+        cycles.append(own[..., ~_at_impacts(record, phase, period)] / amplitude)
         noise.append(_noise(record, channel, values) / amplitude)
     return np.concatenate(cycles), np.maximum(
         np.concatenate(noise), CYCLE_RETURN_TOLERANCE / (np.sqrt(2.0) * MAX_NOISE_RATIO)
     )
+
+
+def _at_impacts(record: xr.Dataset, phase: np.ndarray, period: float) -> np.ndarray:
+    """Whether an impact that the record lists falls on each of the uniform phases (phase,) of a cycle."""
+    if "impact_time" not in record.variables:
+        return np.zeros(phase.size, dtype=bool)
+    places = (record.variables["impact_time"].values / period - phase[0]) * phase.size  # among the samples of a cycle
+    nearest = np.round(places)
+    return np.isin(np.arange(phase.size), nearest[np.abs(places - nearest) < AT_A_SAMPLE] % phase.size)
 
 
 def _state_channels(record: xr.Dataset) -> list[str]:
