@@ -17,6 +17,7 @@ MAX_PERIOD = 16  # periods of the excitation: the longest return that is disting
 CYCLE_RETURN_TOLERANCE = 1e-3  # of the amplitude, within which a periodic motion returns
 MAX_NOISE_RATIO = 1.5  # of the difference of a measured cycle that returns to its noise, in standard deviations
 MIN_CYCLES_OF_MEAN = 4  # for each period tried on freely sampled cycles
+MAX_JUMP_SHARE = 0.01  # of the samples of a cycle that jumps of the velocity may have before them or behind them  [1]
 AT_A_SAMPLE = 1e-6  # distance of an impact from the sample at its instant, over the interval of samples  [1]
 MAX_RESIDUAL = 0.01  # of the amplitude: residual about a mean cycle of few samples
 LIMITS_OF_RECORD = "; a record alone does not distinguish chaotic from quasi-periodic motion, or from a longer period"
@@ -185,14 +186,28 @@ def _from_cycles(record: xr.Dataset) -> MotionKind:
     if count >= MIN_CYCLES_OF_MEAN:
         noise = np.where(_states_noise(record), noise, _least_deviation(spreads / np.sqrt(2.0), noise))
     recurrence = spreads.max(axis=1).tolist()
+    limit = np.sqrt(2.0) * MAX_NOISE_RATIO * noise
     for lag, spread in enumerate(spreads, 1):
-        if (spread <= np.sqrt(2.0) * MAX_NOISE_RATIO * noise).all():
+        if (spread <= limit).all():
+            shorter = (n for n in range(1, lag) if lag % n == 0 and _returns_but_at_jumps(differences[n - 1], limit))
+            lag = next(shorter, lag)
             text = f"{count} cycles of the record return after {lag} period(s) within {MAX_NOISE_RATIO} of their noise"
             return MotionKind(f"period-{lag}", lag, text, tuple(recurrence[:lag]))
     text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
     if count >= MIN_SECTION_PERIODS:
         return MotionKind(IRREGULAR, None, text + LIMITS_OF_RECORD, tuple(recurrence))
     return MotionKind(UNDECIDED, None, f"{text}, and are too few to call it irregular", tuple(recurrence))
+
+
+def _returns_but_at_jumps(difference: np.ndarray, limit: np.ndarray) -> bool:
+    """Whether cycles that are n periods apart differ (row, pair, phase) by less than a limit (row,) but at few phases.
+
+    A sample at an impact is before it in one cycle and behind it in another, as rounding and the clock have it: two
+    such samples may be alike in every second cycle by chance.
+    """
+    square = np.sort((difference**2).mean(axis=1), axis=1)
+    most = square.shape[1] - int(MAX_JUMP_SHARE * square.shape[1])
+    return bool((np.sqrt(square[:, :most].mean(axis=1)) <= limit).all())
 
 
 def _from_mean_cycles(record: xr.Dataset, period: float, count: int) -> MotionKind:
