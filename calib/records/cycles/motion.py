@@ -18,7 +18,6 @@ CYCLE_RETURN_TOLERANCE = 1e-3  # of the amplitude, within which a periodic motio
 MAX_NOISE_RATIO = 1.5  # of the difference of a measured cycle that returns to its noise, in standard deviations
 MIN_CYCLES_OF_MEAN = 4  # for each period tried on freely sampled cycles
 MAX_JUMP_SHARE = 0.01  # of the samples of a cycle that jumps of the velocity may have before them or behind them  [1]
-AT_A_SAMPLE = 1e-6  # distance of an impact from the sample at its instant, over the interval of samples  [1]
 MAX_RESIDUAL = 0.01  # of the amplitude: residual about a mean cycle of few samples
 LIMITS_OF_RECORD = "; a record alone does not distinguish chaotic from quasi-periodic motion, or from a longer period"
 MIN_SHRINKING_DIFFERENCES = 6  # count: fewer show no trend
@@ -59,8 +58,8 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
     A difference that shrinks steadily, or halves from the first to the last third, belongs to a motion that still
     settles: undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise
     estimated from the second differences of its samples): that distinguishes a returning motion from one that does not
-    return, but a short record is never called irregular. Where this leaves it undecided, a section of fewer than 64
-    periods may show a return, or that the motion still settles. A record that was read from a closed curve states after
+    return, but a short record is never called irregular. A shorter return counts where cycles differ from it at jumps of
+    the velocity alone. Where this leaves it undecided, a section of fewer than 64 periods may show a return, or that the motion still settles. A record that was read from a closed curve states after
     how many periods it returns (attribute `returns_after`), and a simulated one which motions coexist with its own
     (attribute `beside`).
 
@@ -190,9 +189,9 @@ def _from_cycles(record: xr.Dataset) -> MotionKind:
     for lag, spread in enumerate(spreads, 1):
         if (spread <= limit).all():
             shorter = (n for n in range(1, lag) if lag % n == 0 and _returns_but_at_jumps(differences[n - 1], limit))
-            lag = next(shorter, lag)
-            text = f"{count} cycles of the record return after {lag} period(s) within {MAX_NOISE_RATIO} of their noise"
-            return MotionKind(f"period-{lag}", lag, text, tuple(recurrence[:lag]))
+            own = next(shorter, lag)
+            text = f"{count} cycles of the record return after {own} period(s) within {MAX_NOISE_RATIO} of their noise"
+            return MotionKind(f"period-{own}", own, text, tuple(recurrence[:own]))
     text = f"{count} cycles of the record do not return within {len(recurrence)} period(s)"
     if count >= MIN_SECTION_PERIODS:
         return MotionKind(IRREGULAR, None, text + LIMITS_OF_RECORD, tuple(recurrence))
@@ -275,31 +274,17 @@ def _stated(record: xr.Dataset) -> MotionKind:
 
 
 def _normalised_cycles(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Cycles (row, cycle, phase) over the amplitude of their channel, and the deviation of their noise (row,).
-
-    Without the phases at which a sample is taken at the very instant of an impact: rounding decides whether it shows
-    the motion before it or behind it, in each cycle anew.
-    """
+    """Cycles (row, cycle, phase) over the amplitude of their channel, and the deviation of their noise (row,)."""
     period, time = period_of(record), record.variables["time"].values
     cycles, noise = [], []
     for channel in _state_channels(record):
         values = sampled(record, channel)
         amplitude = _amplitude(values)
-        own, phase = cut(time, values, period)
-        cycles.append(own[..., ~_at_impacts(record, phase, period)] / amplitude)
+        cycles.append(cut(time, values, period)[0] / amplitude)
         noise.append(_noise(record, channel, values) / amplitude)
     return np.concatenate(cycles), np.maximum(
         np.concatenate(noise), CYCLE_RETURN_TOLERANCE / (np.sqrt(2.0) * MAX_NOISE_RATIO)
     )
-
-
-def _at_impacts(record: xr.Dataset, phase: np.ndarray, period: float) -> np.ndarray:
-    """Whether an impact that the record lists falls on each of the uniform phases (phase,) of a cycle."""
-    if "impact_time" not in record.variables:
-        return np.zeros(phase.size, dtype=bool)
-    places = (record.variables["impact_time"].values / period - phase[0]) * phase.size  # among the samples of a cycle
-    nearest = np.round(places)
-    return np.isin(np.arange(phase.size), nearest[np.abs(places - nearest) < AT_A_SAMPLE] % phase.size)
 
 
 def _state_channels(record: xr.Dataset) -> list[str]:
