@@ -58,10 +58,10 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
     A difference that shrinks steadily, or halves from the first to the last third, belongs to a motion that still
     settles: undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise
     estimated from the second differences of its samples): that distinguishes a returning motion from one that does not
-    return, but a short record is never called irregular. A shorter return counts where cycles differ from it at jumps of
-    the velocity alone. Where this leaves it undecided, a section of fewer than 64 periods may show a return, or that the motion still settles. A record that was read from a closed curve states after
-    how many periods it returns (attribute `returns_after`), and a simulated one which motions coexist with its own
-    (attribute `beside`).
+    return, but a short record is never called irregular. A shorter return counts where cycles differ from it at jumps
+    of the velocity alone. Where this leaves it undecided, a section of fewer than 64 periods may show a return, or that
+    the motion still settles. A record that was read from a closed curve states after how many periods it returns
+    (attribute `returns_after`), and a simulated one which motions coexist with its own (attribute `beside`).
 
     To distinguish chaotic motion from quasi-periodic motion or one of a long period takes the simulator's own map; see
     `calib.dynamics.motion`.
