@@ -38,6 +38,7 @@ WINDOWS = {
 }
 FIXED = {"mass": 1.0}
 BUDGET = 120  # simulations of a search
+MAX_JUMP_GAP = 0.004  # from the end of a stretch to the first point of the next one  [Hz]
 
 
 def model() -> Model:
@@ -69,20 +70,31 @@ def measured(values: dict[str, float], directions: tuple[float, ...], rng: np.ra
 
 
 def amplitudes_at(motion: xr.Dataset, frequency: np.ndarray) -> np.ndarray:
-    """Complex amplitudes (n,) at frequencies, each on the stretch that reaches over it, by a local cubic."""
+    """Complex amplitudes (n,) at frequencies, each by a local cubic on the stretch that the sweep is on there."""
     found = np.empty(frequency.size, dtype=complex)
     own, amplitude = motion.frequency.values, complex_amplitude(motion)[0]
     for i, at in enumerate(frequency.tolist()):
-        for piece in dict.fromkeys(motion.piece.values.tolist()):
-            place = np.flatnonzero(motion.piece.values == piece)
-            if own[place].min() <= at <= own[place].max():
-                near = place[np.argsort(np.abs(own[place] - at))[:4]]
-                weights = [np.prod([(at - own[k]) / (own[j] - own[k]) for k in near if k != j]) for j in near]
-                found[i] = np.dot(weights, amplitude[near])
-                break
-        else:
-            raise ValueError(f"no stretch of the sweep reaches over {at:g} Hz")
+        place = stretch_at(motion, at)
+        near = place[np.argsort(np.abs(own[place] - at))[:4]]
+        weights = [np.prod([(at - own[k]) / (own[j] - own[k]) for k in near if k != j]) for j in near]
+        found[i] = np.dot(weights, amplitude[near])
     return found
+
+
+def stretch_at(motion: xr.Dataset, frequency: float) -> np.ndarray:
+    """Places (m,) of the points of the stretch that reaches over a frequency [Hz].
+
+    A sweep that has jumped goes on a little beyond the end of its stretch: between both it is on the next one.
+    """
+    stretches = [np.flatnonzero(motion.piece.values == own) for own in np.unique(motion.piece.values)]
+    spans = [motion.frequency.values[place] for place in stretches]
+    for place, own in zip(stretches, spans, strict=True):
+        if own.min() <= frequency <= own.max():
+            return place
+    gaps = np.array([abs(own[0] - frequency) for own in spans])
+    if gaps.min() > MAX_JUMP_GAP:
+        raise ValueError(f"no stretch of the sweep reaches over {frequency:g} Hz")
+    return stretches[int(gaps.argmin())]
 
 
 def recovered(seed: int, directions: tuple[float, ...], folder: Path):

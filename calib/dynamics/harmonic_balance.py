@@ -60,6 +60,7 @@ class HarmonicBalance:
         self._slope = self._synthesis @ self._turn
         self._identity, self._curvature = np.eye(self.size), self._turn @ self._turn
         self.drive = lru_cache(maxsize=1)(self._drive_series)
+        self._loads = lru_cache(maxsize=1)(self._loads_of_drive)
         self._last: tuple[tuple[bytes, float, float], Forces] | None = None
 
     @property
@@ -83,8 +84,9 @@ class HarmonicBalance:
         y (..., n, 2 H + 1), omega and amplitude (...,)
         """
         omega = np.asarray(omega)
-        linear, drive = self._linear(y, omega), self._drive(omega, self._drives(amplitude))
-        return np.asarray(linear - drive - self.system.gain @ (forces @ self._analysis.T))
+        return np.asarray(
+            self._linear(y, omega) - self._driven(omega, amplitude) - self.system.gain @ (forces @ self._analysis.T)
+        )
 
     def derivatives(self, y: np.ndarray, omega: float, amplitude: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the derivatives of the residual by the coefficients, by omega and by the amplitude of the drive.
@@ -116,8 +118,9 @@ class HarmonicBalance:
         of_omega, of_amplitude = system.gain @ varied[..., size], system.gain @ varied[..., -1]
         slope = self.slope(y)
         by_omega = 2.0 * omega * self.slope(slope) + 2.0 * system.rate[:, None] * slope - of_omega
-        by_omega -= self._loaded(drive, np.array([0.0, 1.0, 2.0 * omega]))
-        by_amplitude = -of_amplitude - self._loaded(by_its_amplitude, np.array([1.0, omega, omega**2]))
+        loads, by_its = self._loads(amplitude)
+        by_omega -= loads[1] + 2.0 * omega * loads[2]
+        by_amplitude = -of_amplitude - (by_its[0] + omega * by_its[1] + omega**2 * by_its[2])
         return whole.reshape(n * size, n * size), by_omega, by_amplitude
 
     def forces(self, y: np.ndarray, omega: float, amplitude: float) -> Forces:
@@ -159,18 +162,19 @@ class HarmonicBalance:
             omega * (places.shape @ (y @ self._slope.T) + drive @ self._slope.T),
         )
 
-    def linear_motion(self, omega: float, amplitude: float) -> np.ndarray:
-        """Coefficients (n, 2 H + 1) of the motion without forces; a mode without stiffness or damping has its rounding.
+    def linear_motion(self, omega: float | np.ndarray, amplitude: float | np.ndarray) -> np.ndarray:
+        """Coefficients (..., n, 2 H + 1) of the motion without forces; omega and amplitude (...,).
 
-        A resonance without damping has the coefficients of one that is as broad as rounding.
+        A mode without stiffness or damping has its rounding. A resonance without damping has the coefficients of one
+        that is as broad as rounding.
         """
-        drive = self._drive(omega, self.drive(amplitude)[0])
-        y, system = np.zeros_like(drive), self.system
-        load = drive[:, 1] - 1j * drive[:, 2] if self.harmonics else np.zeros(len(y))
-        impedance = system.stiffness - omega**2 + 2j * system.rate * omega
-        impedance[impedance == 0.0] = np.finfo(float).eps * omega**2
-        answer = load / impedance
-        y[:, 1], y[:, 2] = answer.real, -answer.imag
+        omega = np.asarray(omega)
+        y, system, square = self._driven(omega, amplitude), self.system, omega[..., None] ** 2
+        impedance = system.stiffness - square + 2j * system.rate * omega[..., None]
+        impedance = np.where(impedance == 0.0, np.finfo(float).eps * square, impedance)
+        answer = (y[..., 1] - 1j * y[..., 2]) / impedance
+        y[:] = 0.0
+        y[..., 1], y[..., 2] = answer.real, -answer.imag
         return y
 
     def multipliers(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
@@ -312,17 +316,24 @@ class HarmonicBalance:
         damping, stiffness = 2.0 * system.rate[:, None] * omega, system.stiffness[:, None]
         return omega**2 * (y @ self._curvature) + damping * self.slope(y) + stiffness * y
 
-    def _drive(self, omega: float | np.ndarray, drive: np.ndarray) -> np.ndarray:
-        """Modal load (..., n, 2 H + 1) of drives (..., 2 H + 1) and the constants."""
-        omega = np.asarray(omega)
-        load = self._loaded(drive, np.stack([np.ones_like(omega), omega, omega**2], axis=-1))
+    def _driven(self, omega: np.ndarray, amplitude: float | np.ndarray) -> np.ndarray:
+        """Modal load (..., n, 2 H + 1) of drives and the constants; omega and amplitude (...,)."""
+        if np.ndim(amplitude) == 0:
+            loads = self._loads(float(amplitude))[0]
+        else:
+            loads = np.stack([self._loads(own)[0] for own in np.asarray(amplitude).tolist()], axis=1)
+        omega = omega[..., None, None]
+        load = loads[0] + omega * loads[1] + omega**2 * loads[2]
         load[..., 0] += self.system.constant
-        return load
+        return np.asarray(load)
 
-    def _loaded(self, drive: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """Modal load (..., n, 2 H + 1) of coefficients (..., 2 H + 1) of U, factors (..., 3) on it and its slopes."""
-        slopes = np.stack([drive, self.slope(drive), self.slope(self.slope(drive))], axis=-2)
-        return np.asarray(self.system.load @ (factors[..., None] * slopes))
+    def _loads_of_drive(self, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
+        """Modal loads (3, n, 2 H + 1) of U, U' and U'' at an angular frequency of 1, and their derivatives by A."""
+        loads = []
+        for series in self.drive(amplitude):
+            slopes = np.stack([series, self.slope(series), self.slope(self.slope(series))])
+            loads.append(self.system.load.T[:, :, None] * slopes[:, None, :])
+        return loads[0], loads[1]
 
     def _drives(self, amplitude: float | np.ndarray) -> np.ndarray:
         """Coefficients (..., 2 H + 1) of drives of amplitudes (...,)."""

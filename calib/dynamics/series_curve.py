@@ -230,9 +230,9 @@ def linear_size(balance: HarmonicBalance, window: tuple[float, float], drive: Ca
 
     drive : amplitude of U at a frequency [Hz]
     """
-    frequencies = np.linspace(*window, SIZE_FREQUENCIES).tolist()
-    sizes = [np.abs(balance.linear_motion(2.0 * math.pi * f, drive(f))).max() for f in frequencies]
-    return float(max(sizes)) or 1.0
+    frequencies = np.linspace(*window, SIZE_FREQUENCIES)
+    drives = np.array([drive(frequency) for frequency in frequencies.tolist()])
+    return float(np.abs(balance.linear_motion(2.0 * math.pi * frequencies, drives)).max()) or 1.0
 
 
 def null_vector(matrix: np.ndarray, heading: np.ndarray) -> np.ndarray:
