@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 from marked_processes import MARK
 
 from calib.errors import CalibError
@@ -30,6 +31,10 @@ def process(_):
 def misbehave(how):
     if how == "raise":
         raise ValueError("the beam is too long")
+    if how == "raise in a library":
+        np.linalg.solve(np.zeros((2, 2)), np.ones(2))
+    if how == "raise at length":
+        raise OverflowError("a beam too long, " * 100)
     if how == "refuse":
         raise CalibError("unknown parameter 'alhpa'")
     if how == "exit":

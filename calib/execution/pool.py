@@ -1,5 +1,7 @@
 """The contract of a pool, which evaluates a function at many payloads."""
 
+import os
+import sysconfig
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -8,6 +10,12 @@ from typing import Any, Protocol, Self
 
 from calib.errors import CalibError, CodeChanged
 
+MAX_EXCEPTION_CHARACTERS = 240  # of an exception, in the reason of a call that raised it
+NOT_AUTHORED = (  # folders of what a study's author has not written: the interpreter, what is installed, and calib
+    *(sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")),
+    os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep,
+    "<frozen ",
+)
 REFUSED, RAISED, TIMEOUT, CRASHED, MEMORY = "refused", "raised", "timeout", "crashed", "memory"
 
 OnCompiling = Callable[[bool], None]  # told True when kernels begin to be compiled, False when that has ended
@@ -76,9 +84,16 @@ def failure(error: BaseException, seconds: float) -> Failure:
     """Return what an exception of a call is to whoever asked for it, `seconds` after the call was handed out."""
     if isinstance(error, CalibError):
         return Failure(REFUSED, str(error), seconds)
-    frames = traceback.extract_tb(error.__traceback__)
-    where = f" ({frames[-1].filename}, line {frames[-1].lineno}: {frames[-1].line})" if frames else ""
-    return Failure(RAISED, f"{type(error).__name__}: {error}{where}", seconds)
+    message = f"{type(error).__name__}: {error}"
+    if len(message) > MAX_EXCEPTION_CHARACTERS:  # so that a reason that is cut still tells the place
+        message = f"{message[:MAX_EXCEPTION_CHARACTERS]} ..."
+    return Failure(RAISED, f"{message}{_place(traceback.extract_tb(error.__traceback__))}", seconds)
+
+
+def _place(frames: Sequence[traceback.FrameSummary]) -> str:
+    """File, line and code of a study's author from which a library was called that raised, else where it was raised."""
+    authored = [frame for frame in frames if not frame.filename.startswith(NOT_AUTHORED)] or frames
+    return f" ({authored[-1].filename}, line {authored[-1].lineno}: {authored[-1].line})" if authored else ""
 
 
 class InProcess:

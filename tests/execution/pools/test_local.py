@@ -16,6 +16,7 @@ from marked_processes import MARK, marked, new_mark, survivors
 from calib.errors import CalibError
 from calib.execution.pool import Failure, InProcess
 from calib.execution.pools.local import LocalPool
+from calib.store.trial import one_line
 
 
 def results(pool, payloads):
@@ -97,6 +98,22 @@ def test_an_exception_is_reported_with_the_line_that_raised_it():
     [line] = [number for number, text in enumerate(lines, 1) if text.strip().startswith("raise ValueError")]
     raised = 'raise ValueError("the beam is too long")'
     assert failure.reason == f"ValueError: the beam is too long ({f.__file__}, line {line}: {raised})"
+
+
+@pytest.mark.parametrize(
+    ("how", "message", "code"),
+    [
+        ("raise in a library", "LinAlgError: Singular matrix", "np.linalg.solve(np.zeros((2, 2)), np.ones(2))"),
+        ("raise at length", "a be ... (", 'raise OverflowError("a beam too long, " * 100)'),
+    ],
+)
+def test_the_line_told_is_that_of_the_study_s_author_whatever_the_message(how, message, code):
+    with InProcess(f.misbehave) as pool:
+        ((_, failure),) = pool.map([how])
+    reason = one_line(failure.reason)
+    assert message in reason
+    assert f"({f.__file__}, line " in reason
+    assert reason.endswith(f": {code})")
 
 
 @pytest.mark.parametrize("how", ["hang", "hang with a deaf interpreter"])
