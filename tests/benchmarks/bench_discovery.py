@@ -255,7 +255,9 @@ def line(row: Case) -> str:
     if row.get("stated_error") is not None:
         text += f", stated {row['stated_error']:.1%}, covered {row['covered']:.0%}"
     if row.get("formula"):
-        text += f", {row['formula']}: {row['formula_error']:.1%}"
+        text += f", {row['formula']}"
+        if row.get("formula_error") is not None:
+            text += f": {row['formula_error']:.1%}"
     if ratio(row) is not None:
         text += f", held out {ratio(row):.2f} times"
     return f"{text} ({row.get('search_seconds', 0.0):.0f} s)"

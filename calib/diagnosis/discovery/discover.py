@@ -409,7 +409,8 @@ class _ForceSearch:
         formulas = formulas_of(self.fitter, self.null, chosen.fitted, chosen.left_out, on_stage)
         degrees = degrees_of_freedom(self.fitter.evidence, chosen.fitted.fit)
         rms = math.sqrt(chosen.chi2 / degrees) if self._leaves_misfit(chosen.fitted.fit) else None
-        summary = summary_of(chosen, tied, rivals, excess, null_left_out, rms)
+        told = excess if self._leaves_misfit(self.null) else None
+        summary = summary_of(chosen, tied, rivals, told, null_left_out, rms)
         found = Discovery(
             FOUND, summary, self.ready.gates, tuple(self.trials), chosen,
             tuple(place.name for place in rivals), states, self.null, null_left_out, excess, formulas,

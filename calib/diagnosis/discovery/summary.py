@@ -28,21 +28,29 @@ def summary_of(
     chosen: ForceTrial,
     tied: Sequence[ForceTrial],
     rivals: Sequence[ForcePlace],
-    excess: tuple[float, float],
+    excess: tuple[float, float] | None,
     null_left_out: LeftOutMisfit,
     rms: float | None,
 ) -> str:
     """Verdict on a force in a few sentences.
 
+    excess : chi-square without and with the force; None where that without it is within the noise
     rms : of the whitened residual that it leaves, where that is more than noise  [1]
     """
     further = [t for t in tied if t is not chosen and t.body == chosen.body]
     better = [t for t in further if t.predicts_better(chosen)]
     others = [described(t.arguments, t.place) for t in further if t not in better]
+    deviances = f"{null_left_out.deviance:.4g} to {chosen.predictive_deviance:.4g}"
+    gain = (
+        f"lowers the predictive deviance of left-out records from {deviances}, though the misfit of the calibrated "
+        "model as a whole is within its noise"
+        if excess is None
+        else f"explains {100.0 * explained_share(*excess):.3g}% of the excess chi-square; predictive deviance of "
+        f"left-out records {deviances}"
+    )
     text = (
         f"a force {chosen.place.preposition} {chosen.body} is missing: a {described(chosen.arguments, chosen.place)} "
-        f"explains {explained_share(*excess):.0%} of the excess chi-square; "
-        f"predictive deviance of left-out records {null_left_out.deviance:.4g} to {chosen.predictive_deviance:.4g}"
+        f"{gain}"
     )
     if others:
         text += f". It predicts as well as a {', a '.join(others)}"

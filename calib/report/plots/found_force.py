@@ -18,14 +18,15 @@ BODY_LABELS = {"displacement": "Displacement", "velocity": "Velocity"}
 INTERFACE_LABELS = {"displacement": "Clearance", "velocity": "Rate of the clearance"}
 CURVE_HEIGHT, SURFACE_HEIGHT, FORMULA_HEIGHT = 2.5, 2.9, 0.22  # of the figure, of a line of the formula  [inch]
 FORMULA_LEVELS = 7  # contours of a formula  [count]
+EXTENSIONS = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
 NUMBERS_OF_A_LINE = 3  # of a formula, above the figure  [count]
 
 
 def found_force_figure(result: DiscoveryResult) -> Figure | None:
     """Force per unit mass over its arguments with its 95 % band; None where none was found.
 
-    A function of one argument is a curve, one of two a map with the half width of its band beside it. Where
-    there is a formula, the force is that and what the records add to it; the formula alone is drawn over it.
+    A function of one argument is a curve, one of two a map with the half width of its band beside it, on one scale.
+    Where there is a formula, the force is that and what the records add to it; the formula alone is drawn over it.
     """
     if not result.functions:
         return None
@@ -90,17 +91,30 @@ def _maps(figure: Figure, axes: np.ndarray, function: FunctionResult, labels: Ma
     x, v = (factor * np.array(p) for (factor, _), p in zip(scales, function.points, strict=True))
     force = np.where(visited, np.array(function.force).reshape(shape), np.nan)
     half = np.where(visited, HALF_WIDTH_ERRORS_95 * np.array(function.error).reshape(shape), np.nan)
-    top = float(np.nanmax(np.abs(force))) or 1.0
+    top = _largest_known(force, half)
     drawn = (
         (axes[0], force, "Force per unit mass [m/s²]", Normalize(-top, top), SIGNS),
-        (axes[1], half, "Half width of the 95 % band [m/s²]", Normalize(0.0, float(np.nanmax(half)) or 1.0), "Greys"),
+        (axes[1], half, "Half width of the 95 % band [m/s²]", Normalize(0.0, top), "Greys"),
     )
     if function.formula:
         formula = np.where(visited, np.array(function.formula).reshape(shape), np.nan)
         axes[0].contour(x, v, formula.T, levels=FORMULA_LEVELS, colors=LINE, linewidths=0.6)
     for own, value, label, norm, colours in drawn:
         mesh = own.pcolormesh(x, v, value.T, norm=norm, cmap=colours, shading="nearest", rasterized=True)
-        bar = figure.colorbar(mesh, ax=own, location="top", shrink=0.9, aspect=24, pad=0.02)
+        beyond = (bool(np.nanmin(value) < norm.vmin), bool(np.nanmax(value) > norm.vmax))
+        bar = figure.colorbar(
+            mesh, ax=own, location="top", shrink=0.9, aspect=24, pad=0.02, extend=EXTENSIONS[beyond]
+        )  # fmt: skip
         bar.set_label(label)
         across, up = (f"{labels[a]} [{unit}]" for a, (_, unit) in zip(function.arguments, scales, strict=True))
         own.set(xlabel=across, ylabel=up)
+
+
+def _largest_known(force: np.ndarray, half: np.ndarray) -> float:
+    """Largest absolute force [m/s^2] where its band excludes zero: at the edge of the visited states it may be wide.
+
+    That of all states where it does so nowhere. NaN: not visited.
+    """
+    size = np.abs(force)
+    known = size[size > half]
+    return float(np.nanmax(known if known.size else size)) or 1.0

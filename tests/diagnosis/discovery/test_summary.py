@@ -29,6 +29,13 @@ def test_models_that_tie_and_a_misfit_that_is_left_are_told():
     )
     alone = summary_of(chosen, [chosen], [], (400.0, -3.0), SimpleNamespace(deviance=500.0), None)
     assert alone.endswith("100% of the excess chi-square; predictive deviance of left-out records 500 to 90")
+    nearly = summary_of(chosen, [chosen], [], (1.27e7, 13469.0), SimpleNamespace(deviance=500.0), 2.78)
+    assert "explains 99.9% of the excess" in nearly
+    slight = summary_of(chosen, [chosen], [], None, SimpleNamespace(deviance=500.0), None)
+    assert slight == (
+        "a force on mass is missing: a function of displacement lowers the predictive deviance of left-out records "
+        "from 500 to 90, though the misfit of the calibrated model as a whole is within its noise"
+    )
 
 
 def test_of_a_model_that_predicts_better_and_fits_no_better_it_is_not_said_that_the_simpler_one_predicts_as_well():

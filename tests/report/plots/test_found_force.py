@@ -44,6 +44,20 @@ def test_a_surface_is_a_map_beside_that_of_its_band():
     assert figure.axes[0].collections[0].get_array().shape == (11, 21)
 
 
+def test_a_force_that_is_hardly_known_at_the_edge_does_not_set_the_scale_of_a_surface():
+    force = 500.0 * np.array(X)[:, None] * np.array(V)
+    surface = function(("displacement", "velocity"), (X, V), ("m", "m/s"), force)
+    error = np.full(force.shape, 0.01)
+    force[0, 0], error[0, 0] = 50.0, 40.0
+    surface = replace(surface, force=tuple(force.ravel()), error=tuple(error.ravel()))
+    figure = found_force_figure(found(surface))
+    known, band = (axes.collections[0] for axes in figure.axes[:2])
+    largest = 500.0 * X[-1] * V[-1]
+    assert known.get_clim() == pytest.approx((-largest, largest))
+    assert band.get_clim() == pytest.approx((0.0, largest))
+    assert [mesh.colorbar.extend for mesh in (known, band)] == ["max", "max"]
+
+
 def test_a_formula_is_drawn_over_the_force_and_written_above():
     curve = replace(function(("displacement",), (X,), ("m",), np.array(X) * 500.0), formula=tuple(np.array(X) * 490.0))
     numbers = tuple(NumberResult(f"c{k}", 490.0, 1.0, "1/s^2", "") for k in (1, 2, 3))
