@@ -19,9 +19,10 @@ from calib.features.frequency_response import ResponseDistance
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space, Window
 from calib.objective import Objective, Reference, Term
+from calib.objective.stable_stretches import read_at
 from calib.optimisers.multistart import Multistart
 from calib.records.excitation import Excitation
-from calib.records.response import complex_amplitude, make_response
+from calib.records.response import make_response
 from calib.simulators.oscillator import Oscillator
 from calib.store import Store
 from calib.study import CalibrationStudy, evaluate
@@ -38,7 +39,6 @@ WINDOWS = {
 }
 FIXED = {"mass": 1.0}
 BUDGET = 120  # simulations of a search
-MAX_JUMP_GAP = 0.004  # from the end of a stretch to the first point of the next one  [Hz]
 
 
 def model() -> Model:
@@ -55,7 +55,8 @@ def measured(values: dict[str, float], directions: tuple[float, ...], rng: np.ra
             wanted = make_response(fine, ["mass"], np.ones((1, fine.size)), level, "N", 0, direction)
             motion = swept_response(model(), values, FORCE, wanted)
             rows["frequency"].append(stepped)
-            rows["amplitude"].append(amplitudes_at(motion, stepped))
+            wanted = make_response(stepped, ["mass"], np.ones((1, stepped.size)), level, "N", 0, direction)
+            rows["amplitude"].append(read_at(motion, wanted)[0])
             rows["level"].append(np.full(stepped.size, level))
             rows["direction"].append(np.full(stepped.size, direction))
     frequency, amplitude, level, direction = (np.concatenate(parts) for parts in rows.values())
@@ -67,34 +68,6 @@ def measured(values: dict[str, float], directions: tuple[float, ...], rng: np.ra
     return make_response(
         frequency, ["mass"], amplitude[None], level, "N", sweep, direction, place="mass", quantity="force"
     )
-
-
-def amplitudes_at(motion: xr.Dataset, frequency: np.ndarray) -> np.ndarray:
-    """Complex amplitudes (n,) at frequencies, each by a local cubic on the stretch that the sweep is on there."""
-    found = np.empty(frequency.size, dtype=complex)
-    own, amplitude = motion.frequency.values, complex_amplitude(motion)[0]
-    for i, at in enumerate(frequency.tolist()):
-        place = stretch_at(motion, at)
-        near = place[np.argsort(np.abs(own[place] - at))[:4]]
-        weights = [np.prod([(at - own[k]) / (own[j] - own[k]) for k in near if k != j]) for j in near]
-        found[i] = np.dot(weights, amplitude[near])
-    return found
-
-
-def stretch_at(motion: xr.Dataset, frequency: float) -> np.ndarray:
-    """Places (m,) of the points of the stretch that reaches over a frequency [Hz].
-
-    A sweep that has jumped goes on a little beyond the end of its stretch: between both it is on the next one.
-    """
-    stretches = [np.flatnonzero(motion.piece.values == own) for own in np.unique(motion.piece.values)]
-    spans = [motion.frequency.values[place] for place in stretches]
-    for place, own in zip(stretches, spans, strict=True):
-        if own.min() <= frequency <= own.max():
-            return place
-    gaps = np.array([abs(own[0] - frequency) for own in spans])
-    if gaps.min() > MAX_JUMP_GAP:
-        raise ValueError(f"no stretch of the sweep reaches over {frequency:g} Hz")
-    return stretches[int(gaps.argmin())]
 
 
 def recovered(seed: int, directions: tuple[float, ...], folder: Path):

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import xarray as xr
 
 from calib.diagnosis.bench import Run, SimulatedRows, simulated
 from calib.diagnosis.candidate import Candidate
@@ -19,11 +20,17 @@ from calib.diagnosis.preparation import NotDiagnosable, bench_of, prepared
 from calib.diagnosis.screening import screened
 from calib.diagnosis.suspect import Screened, Untestable, leading_variants
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, failures
+from calib.dynamics.swept_response import swept_response
 from calib.errors import CalibError
 from calib.execution.pool import Failure, InProcess
 from calib.execution.workers import workers
 from calib.modelling.effect import Effect
+from calib.modelling.model import Model
+from calib.modelling.parameter import values_for
 from calib.objective import Objective, Reference
+from calib.objective.stable_stretches import read_at
+from calib.records import OK
+from calib.records.response import has_phase, tolerances, with_amplitude
 from calib.study import CalibrationStudy, Pool
 
 HIDDEN_Z = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts  [1]
@@ -137,16 +144,24 @@ class Stage:
 
     def __call__(self, case: RehearsalCase) -> Rehearsed:
         """Hide the effect of the case in simulated data, and diagnose them."""
-        bench = bench_of(self.study, self.others)
         effects = () if case.effect == NOTHING else (self.hidden[case.effect].effect,)
-        runs = [Run(name, {**self.values, **case.values}, effects) for name in self.evidence.names]
-        views = dict(zip(self.evidence.names, simulated(InProcess(bench), runs), strict=True))
-        bad = next((f"{name}: {view.status}" for name, view in views.items() if not view.usable), None)
-        if bad is not None:
-            return Rehearsed(case, "failed", reason=bad)
-        rng = np.random.default_rng([case.seed, 7])
+        values = {**self.values, **case.values}
         known = {**self.study.objective.references, **self.others}
-        made = {part.name: _made(known[part.name], part, views[part.name], rng) for part in self.evidence.parts}
+        over_time = [part.name for part in self.evidence.parts if not part.is_swept]
+        runs = [Run(name, values, effects) for name in over_time]
+        views = simulated(InProcess(bench_of(self.study, self.others)), runs)
+        shown = dict(zip(over_time, views, strict=True))
+        model, rng = self.study.model.extended(*effects), np.random.default_rng([case.seed, 7])
+        made: dict[str, Reference] = {}
+        for part in self.evidence.parts:
+            reference = known[part.name]
+            if part.is_swept:
+                status, record = _swept(model, values, reference)
+            elif (status := shown[part.name].status) == OK:
+                record = _over_time(shown[part.name], reference, part)
+            if status != OK:
+                return Rehearsed(case, "failed", reason=f"{part.name}: {status}")
+            made[part.name] = replace(reference, record=_noisy(record, part, rng))
         scored = {name: reference for name, reference in made.items() if reference.use == "calibrate"}
         study = replace(self.study, objective=Objective(scored, self.study.objective.terms))
         others = {name: reference for name, reference in made.items() if reference.use != "calibrate"}
@@ -154,13 +169,36 @@ class Stage:
         return Rehearsed(case, diagnosis.verdict, diagnosis.causes, diagnosis.classes)
 
 
-def _made(reference: Reference, part: Part, view: SimulatedRows, rng: np.random.Generator) -> Reference:
-    """Return the reference with simulated rows and fresh noise in the place of what was measured."""
+def _swept(model: Model, values: Mapping[str, float], reference: Reference) -> tuple[str, xr.Dataset]:
+    """Status of a simulated frequency response, and the measured one with what its sweeps would read."""
+    measured = reference.record
+    response = swept_response(model, values_for(values, reference.name), reference.excitation, measured)
+    if response.attrs["status"] != OK:
+        return str(response.attrs["status"]), measured
+    amplitude = read_at(response.sel(body=measured.body.values), measured)
+    if not np.isfinite(amplitude).all():
+        return "not periodic at every measured frequency", measured
+    return OK, with_amplitude(measured, amplitude if has_phase(measured) else np.abs(amplitude) + 0.0j)
+
+
+def _over_time(view: SimulatedRows, reference: Reference, part: Part) -> xr.Dataset:
+    """Return the measured record over time with simulated rows in the place of what was measured."""
     record = reference.record.copy(deep=True)
     bodies = [str(body) for body in record.body.values]
-    for (body, channel), row, noise in zip(part.rows, view.rows, part.noise, strict=True):
-        record[channel].values[bodies.index(body)] = row + noise.drawn(rng, row.size)
-    return replace(reference, record=record)
+    for (body, channel), row in zip(part.rows, view.rows, strict=True):
+        record[channel].values[bodies.index(body)] = row
+    return record
+
+
+def _noisy(record: xr.Dataset, part: Part, rng: np.random.Generator) -> xr.Dataset:
+    """Return a record with noise like that of a part, which of a frequency response is in standard uncertainties."""
+    noisy = record.copy(deep=True)
+    bodies = [str(body) for body in record.body.values]
+    for (body, channel), noise in zip(part.rows, part.noise, strict=True):
+        own = noisy[channel].values[bodies.index(body)]
+        unit = tolerances(record)[1][bodies.index(body)] if part.is_swept else 1.0
+        own += unit * noise.drawn(rng, own.size)
+    return noisy
 
 
 def rehearse(

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from calib.errors import CalibError
 from calib.objective.prepared_reference import Pairs, SensedRecord
 from calib.objective.scalar_features import FeatureValue, Scalar, compared
+from calib.objective.stable_stretches import StableStretch, stable_stretches
 from calib.objective.terms import Reference, Term
 from calib.records import OK
 from calib.records.cycles import SWEPT, MotionKind
@@ -17,7 +18,6 @@ from calib.records.response import PARTS, complex_amplitude, has_phase, sweeps, 
 
 SAMPLES_PER_INTERVAL = 16  # of the curve between two of its points, where the nearest one is sought
 MAX_FOOT_STEPS = 6  # of Newton's method to the nearest point of the curve
-MIN_SPLINE_POINTS = 4  # fewer are joined by straight lines
 KIND = MotionKind(SWEPT, None, "the response to a sweep has no single motion")
 
 
@@ -102,7 +102,7 @@ class PreparedResponse:
         target = np.column_stack([measured, own.real.T, own.imag.T])
         sigma = np.column_stack([self._frequency_sigma, self._sigma[rows].T, self._sigma[rows].T])
         for sweep, points in sweeps(self.record):
-            yield points, _nearest(_curves(simulated, sweep), target[points], sigma[points], rows)
+            yield points, _nearest(stable_stretches(simulated, sweep), target[points], sigma[points], rows)
 
     def penalty(self, motion: MotionKind) -> float | None:
         """None: a response is of no kind of motion."""
@@ -137,27 +137,6 @@ class PreparedResponse:
         return peaks
 
 
-def _curves(simulated: xr.Dataset, sweep: float) -> list[tuple[np.ndarray, CubicSpline | None, np.ndarray]]:
-    """Stable stretches of a sweep: parameter (m,) along each, spline over it, and points (m, 1 + 2 bodies).
-
-    A point holds frequency [Hz], real parts and imaginary parts [m]. The parameter is the chord length in units of the
-    ranges of a stretch.
-    """
-    curves = []
-    amplitude = complex_amplitude(simulated)
-    own = simulated["sweep"].values == sweep
-    for piece in dict.fromkeys(simulated["piece"].values[own].tolist()):
-        at = np.flatnonzero(own & (simulated["piece"].values == piece))
-        points = np.column_stack([simulated["frequency"].values[at], amplitude[:, at].real.T, amplitude[:, at].imag.T])
-        span = np.ptp(points, axis=0)
-        chord = np.linalg.norm(np.diff(points / np.where(span > 0.0, span, 1.0), axis=0), axis=1)
-        keep = np.concatenate([[True], chord > 0.0])
-        along, points = np.concatenate([[0.0], np.cumsum(chord)])[keep], points[keep]
-        spline = CubicSpline(along, points) if along.size >= MIN_SPLINE_POINTS else None
-        curves.append((along, spline, points))
-    return curves
-
-
 class _Feet(NamedTuple):
     """The points of curves that are nearest to k measured ones.
 
@@ -177,7 +156,7 @@ class _Feet(NamedTuple):
 
 
 def _nearest(
-    curves: list[tuple[np.ndarray, CubicSpline | None, np.ndarray]],
+    curves: Sequence[StableStretch],
     target: np.ndarray,
     sigma: np.ndarray,
     rows: Sequence[int],
@@ -186,9 +165,9 @@ def _nearest(
 
     target, sigma : (k, 1 + 2 n) frequency, real parts and imaginary parts of n compared bodies, and their uncertainties
     """
-    bodies = (curves[0][2].shape[1] - 1) // 2
+    bodies = (curves[0].points.shape[1] - 1) // 2
     columns = [0, *(1 + row for row in rows), *(1 + bodies + row for row in rows)]
-    best, foot, ahead = np.full(len(target), np.inf), *np.zeros((2, len(target), curves[0][2].shape[1]))
+    best, foot, ahead = np.full(len(target), np.inf), *np.zeros((2, len(target), curves[0].points.shape[1]))
     for along, spline, points in curves:
         fine = np.interp(
             np.arange(SAMPLES_PER_INTERVAL * (along.size - 1) + 1) / SAMPLES_PER_INTERVAL, np.arange(along.size), along

@@ -10,7 +10,6 @@ from calib.diagnosis.rehearse import HIDDEN_Z, SEEDS_PER_SIZE, RehearsalCase, Re
 from calib.store.plain import plain
 from calib.study_file import load
 from calib.workflows.calibrated import calibrated_values
-from calib.workflows.time_records import check_time_records
 
 REHEARSAL, PICTURE = "rehearsal.jsonl", "rehearsal.png"
 
@@ -42,7 +41,7 @@ def rehearse_study(
     ------
     CalibError : a mistake in the study file, or it has not been calibrated, or cannot be diagnosed
     """
-    file = check_time_records(load(path, jobs=jobs, out=out, pool=pool), "rehearse")
+    file = load(path, jobs=jobs, out=out, pool=pool)
     folder = file.folder
     ledger = folder / REHEARSAL
     if fresh:

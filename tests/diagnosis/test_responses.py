@@ -12,6 +12,7 @@ from hidden.stepped_laboratory import WHITE, SteppedLaboratory
 from calib.cli import main as calib
 from calib.diagnosis.artifacts import read_motions
 from calib.records.response import complex_amplitude, with_amplitude
+from calib.workflows.rehearse import rehearse_study
 
 DAMPINGS, STIFFNESSES = ("quadratic_drag", "coulomb_friction"), ("cubic_stiffness", "softening")
 BOTH_WAYS = (1.0, -1.0)
@@ -144,3 +145,14 @@ def test_nothing_is_found_in_sweeps_both_ways_where_nothing_is_hidden(tmp_path, 
     laboratory = SteppedLaboratory.drawn(trouble, 53)._replace(directions=BOTH_WAYS)
     _, said = diagnosed(None, 53, tmp_path, laboratory)
     assert said["verdict"] == "none"
+
+
+@pytest.mark.slow
+def test_a_rehearsal_of_sweeps_says_what_they_would_name(tmp_path):
+    diagnosed(None, 1, tmp_path, candidates=("quadratic_drag",))
+    played = rehearse_study(tmp_path, strengths=(1.0, 30.0), seeds=1, jobs=2)
+    none, other, weak, strong = sorted(played, key=lambda one: (one.case.strength, one.case.seed))
+    assert (none.verdict, other.verdict) == ("none", "none")
+    assert not weak.causes
+    assert strong.causes == ("quadratic_drag",)
+    assert len((tmp_path / "out" / "rehearsal.jsonl").read_text().splitlines()) == 4

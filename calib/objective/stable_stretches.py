@@ -1,0 +1,83 @@
+"""Stable stretches of a simulated response as curves, and what an instrument reads on them at set frequencies."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from calib.records.response import complex_amplitude, sweeps
+
+MIN_SPLINE_POINTS = 4  # fewer are joined by straight lines
+MAX_GAP_SHARE = 0.01  # of the frequencies of a sweep: from the end of a stretch to where the next one begins  [1]
+
+
+class StableStretch(NamedTuple):
+    """One stable stretch in the order swept.
+
+    Attributes
+    ----------
+    along : (m,) chord length in units of the ranges of the stretch
+    spline : over it; None where there are few points
+    points : (m, 1 + 2 bodies) frequency [Hz], real parts and imaginary parts [m]
+    """
+
+    along: np.ndarray
+    spline: CubicSpline | None
+    points: np.ndarray
+
+    def reaches(self, frequency: float) -> bool:
+        """Whether it has a point at a frequency  [Hz]."""
+        own = self.points[:, 0]
+        return bool(own.min() <= frequency <= own.max())
+
+    def at(self, frequency: float) -> np.ndarray:
+        """Complex amplitudes (body,) at a frequency [Hz], of the last point there in the order swept; else of an end.
+
+        A stretch ends where it turns back, and its frequency rises or falls up to there.
+        """
+        own = self.points[:, 0]
+        if self.spline is None:
+            order = np.argsort(own)
+            row = np.array([np.interp(frequency, own[order], column[order]) for column in self.points.T])
+        else:
+            roots = CubicSpline(self.along, own).solve(frequency, extrapolate=False)
+            row = self.spline(roots[-1]) if roots.size else self.points[int(np.argmin(np.abs(own - frequency)))]
+        bodies = (row.size - 1) // 2
+        return np.asarray(row[1 : 1 + bodies] + 1j * row[1 + bodies :])
+
+
+def stable_stretches(simulated: xr.Dataset, sweep: float) -> list[StableStretch]:
+    """Stable stretches of a sweep, in the order swept."""
+    stretches = []
+    amplitude = complex_amplitude(simulated)
+    own = simulated["sweep"].values == sweep
+    for piece in dict.fromkeys(simulated["piece"].values[own].tolist()):
+        at = np.flatnonzero(own & (simulated["piece"].values == piece))
+        points = np.column_stack([simulated["frequency"].values[at], amplitude[:, at].real.T, amplitude[:, at].imag.T])
+        span = np.ptp(points, axis=0)
+        chord = np.linalg.norm(np.diff(points / np.where(span > 0.0, span, 1.0), axis=0), axis=1)
+        keep = np.concatenate([[True], chord > 0.0])
+        along, points = np.concatenate([[0.0], np.cumsum(chord)])[keep], points[keep]
+        spline = CubicSpline(along, points) if along.size >= MIN_SPLINE_POINTS else None
+        stretches.append(StableStretch(along, spline, points))
+    return stretches
+
+
+def read_at(simulated: xr.Dataset, measured: xr.Dataset) -> np.ndarray:
+    """Complex amplitudes (body, point) that the sweeps of a measured response would read at its frequencies  [m].
+
+    A sweep that has jumped goes on a little beyond the end of its stretch: between both it is on the next one. NaN
+    where no stretch reaches, as where the motion was not periodic.
+    """
+    read = np.full((simulated.sizes["body"], measured.sizes["point"]), np.nan + 0.0j)
+    for sweep, points in sweeps(measured):
+        stretches = stable_stretches(simulated, sweep)
+        frequencies = measured["frequency"].values[points]
+        gap = MAX_GAP_SHARE * float(np.ptp(frequencies))
+        for point, frequency in zip(points.tolist(), frequencies.tolist(), strict=True):
+            own = next((stretch for stretch in stretches if stretch.reaches(frequency)), None)
+            own = own or next((s for s in stretches if abs(s.points[0, 0] - frequency) <= gap), None)
+            if own is not None:
+                read[:, point] = own.at(frequency)
+    return read
