@@ -13,6 +13,8 @@ from calib.modelling.model import Model
 from calib.modelling.parameter import values_for
 from calib.modelling.simulator import Request
 from calib.objective import FeatureValue, Objective, initial_state, simulations, trusted, with_initial_state
+from calib.objective.prepared_response import PreparedResponse
+from calib.objective.stable_stretches import read_at
 from calib.records import OK, prescribed
 from calib.records.cycles import IRREGULAR, kind_of_motion
 from calib.records.excitation import Excitation
@@ -56,6 +58,7 @@ class Run:
         they are not aligned
     times : (n,) instants of the samples instead of the request's [s]; None for these
     sweeps : beside which the curves of a frequency response are sought first
+    stepped : sweeps that are made instead of the record's, and with which the simulation is compared
     """
 
     record: str
@@ -67,6 +70,7 @@ class Run:
     rows: tuple[tuple[str, str], ...] = ()
     times: np.ndarray | None = None
     sweeps: KnownSweeps = field(default_factory=dict)
+    stepped: xr.Dataset | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +91,7 @@ class SimulatedRows:
         "" where neither holds, or neither was checked
     time : (n,) instants of the simulation where nothing was measured  [s]
     start : initial state, where that is a nuisance; None where it is none
+    read : (body, point) complex amplitudes that sweeps would read which are made instead of the record's  [m]
     simulations : that it took
     status, reason : "ok", or why there are no rows
     """
@@ -102,6 +107,7 @@ class SimulatedRows:
     wrong: str = ""
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     start: Start | None = None
+    read: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), dtype=complex))
     simulations: int = 1
     status: str = OK
     reason: str = ""
@@ -134,6 +140,8 @@ class Bench:
 
     def __call__(self, run: Run) -> SimulatedRows:
         """Simulate and align."""
+        if run.stepped is not None:
+            return self._swept(run, run.stepped)
         record, slopes, sweeps = self._simulated(run)
         status = record.attrs["status"]
         if status != OK:
@@ -172,6 +180,23 @@ class Bench:
             start=start,
             simulations=simulations(record),
         )
+
+    def _swept(self, run: Run, stepped: xr.Dataset) -> SimulatedRows:
+        """Simulate sweeps that are not the record's."""
+        reference = replace(self.objective.references[run.record], record=stepped)
+        model, values = self.model.extended(*run.effects), values_for(run.values, run.record)
+        record, curves = swept_curves(model, values, reference.excitation, stepped, run.sweeps)
+        prepared = PreparedResponse(reference, self.objective.terms)
+        failure = prepared.failure(record)
+        if failure is not None:
+            return _failed(*failure)
+        bodies = [str(body) for body in stepped.body.values]
+        read = read_at(record.sel(body=bodies), stepped)
+        if not np.isfinite(read).all():
+            return _failed("not periodic", "a sweep meets frequencies at which the motion is not periodic")
+        compared = prepared.compared(record)
+        rows = np.array([compared[part].values[bodies.index(body)] for body, part in run.rows])
+        return SimulatedRows(rows, compared["trust"].values, sweeps=curves, read=read)
 
     def _simulated(self, run: Run) -> tuple[xr.Dataset, Mapping[str, Mapping[str, np.ndarray]], KnownSweeps]:
         """The simulated record, its derivatives by an initial state that was solved for, else none, and its curves."""

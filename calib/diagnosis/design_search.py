@@ -14,6 +14,7 @@ from calib.diagnosis.laboratory import (
     RECORDED_INPUT,
     REPEATED_RECORD,
     STEADY_TONE,
+    STEPPED_SINE,
     SWEEP,
     WITHOUT_CONTACT,
     DesignPoint,
@@ -44,6 +45,7 @@ from calib.diagnosis.separation import (
     prediction,
     refitted_distance,
 )
+from calib.diagnosis.stepped_design import as_read
 from calib.study import Pool
 
 LINE_SHARE = 0.06  # of the affordable points: first ones of a test of one variable  [1]
@@ -105,9 +107,10 @@ class DesignSearch:
         self.budget, self.simulations = laboratory.simulations, 0
         self.simulated_record = fits[0].point.simulated[part.name]
         self.additional: tuple[tuple[str, str], ...] = ()
-        self.additional = self._provided(
-            additional_channels(laboratory, bench.model, part, self.simulated_record.given)
-        )
+        if not part.is_swept:
+            self.additional = self._provided(
+                additional_channels(laboratory, bench.model, part, self.simulated_record.given)
+            )
         self.evaluations: list[_Evaluation] = []
 
     def _provided(self, pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
@@ -122,7 +125,7 @@ class DesignSearch:
     def run(self, searched: Mapping[str, DesignRegion]) -> None:
         """Evaluate the region of each kind of test: a grid, then a pattern search about its best point."""
         for test, region in searched.items():
-            if test in (SWEEP, FREE_DECAY) or (test == REPEATED_RECORD and self.additional):
+            if test in (SWEEP, FREE_DECAY, STEPPED_SINE) or (test == REPEATED_RECORD and self.additional):
                 count = LINE_SHARE * self._affordable(region)
                 self._explore(region, [round(np.clip(count, MIN_LINE_POINTS, MAX_LINE_POINTS))])
         tests = [test for test in (STEADY_TONE, RECORDED_INPUT, WITHOUT_CONTACT) if test in searched]
@@ -171,7 +174,8 @@ class DesignSearch:
 
     def _cost(self, made: Experiment) -> int:
         """Simulations of an experiment."""
-        return sum(1 + len(fit.names) + len(made.initial_steps) for fit in self.fits)
+        reading = int(made.stepped is not None)
+        return reading + sum(1 + len(fit.names) + len(made.initial_steps) for fit in self.fits)
 
     def _evaluate(self, points: Sequence[DesignPoint], stage: str) -> None:
         """Evaluate, in batches side by side, the new points for which the budget suffices."""
@@ -186,6 +190,7 @@ class DesignSearch:
 
     def _batch(self, batch: Sequence[Experiment], stage: str) -> list[_Evaluation]:
         """Simulate all models; their derivatives only where the motion of each is regular."""
+        batch, unreadable = self._read(batch, stage)
         views = iter(self._simulated([made.centre(fit) for made in batch for fit in self.fits]))
         centres = [tuple(next(views) for _ in self.fits) for _ in batch]
         regular = [all(view.usable and not view.wrong for view in own) for own in centres]
@@ -197,10 +202,24 @@ class DesignSearch:
         ]
         views = iter(self._simulated([run for own in runs for run in own]))
         beside = iter([[next(views) for _ in own] for own in runs])
-        return [
+        return unreadable + [
             self._evaluation(made, stage, own, [next(beside) for _ in self.fits] if good else [])
             for made, own, good in zip(batch, centres, regular, strict=True)
         ]
+
+    def _read(self, batch: Sequence[Experiment], stage: str) -> tuple[list[Experiment], list[_Evaluation]]:
+        """Experiments, stepped sines with what the first model would read; and those that it cannot read."""
+        stepped = [(made, made.stepped) for made in batch if made.stepped is not None]
+        read, unreadable = [made for made in batch if made.stepped is None], list[_Evaluation]()
+        measured = self.bench.objective.references[self.part.name].record
+        views = self._simulated([made.centre(self.fits[0]) for made, _ in stepped])
+        for (made, sweeps), view in zip(stepped, views, strict=True):
+            if view.usable:
+                read.append(replace(made, stepped=as_read(sweeps, view.read, measured)))
+            else:
+                status, reason = _status([view])
+                unreadable.append(_Evaluation(EvaluatedPoint(made.point, stage, status, reason), made))
+        return read, unreadable
 
     def _simulated(self, runs: Sequence[Run]) -> list[SimulatedRows]:
         """Simulate side by side, and count the simulations."""

@@ -202,8 +202,6 @@ def _designed(
     """Next measurement as far as the budget suffices, and where it does not that, as the end of a sentence."""
     if pool.spent:
         return None, " (the budget was spent before a next measurement was searched)"
-    if any(part.is_swept for part in fitter.evidence.parts):
-        return None, " (a next measurement is searched beside records over time only, not beside frequency responses)"
     on_stage("next measurement")
     pool.foresee(min(laboratory.simulations, pool.left))
     design = next_measurement(pool, bench, fitter, selection.rivals, laboratory)

@@ -17,7 +17,8 @@ from calib.records.excitation import Excitation
 STEADY_TONE, SWEEP, RECORDED_INPUT = "steady tone", "sweep", "recorded input"
 FREE_DECAY: Final = "free decay"
 WITHOUT_CONTACT, REPEATED_RECORD = "without contact", "repeated record"
-TESTS = (STEADY_TONE, WITHOUT_CONTACT, SWEEP, RECORDED_INPUT, FREE_DECAY, REPEATED_RECORD)
+STEPPED_SINE: Final = "stepped sine"
+TESTS = (STEADY_TONE, WITHOUT_CONTACT, SWEEP, RECORDED_INPUT, FREE_DECAY, REPEATED_RECORD, STEPPED_SINE)
 RELEASE = ("initial_displacement", "initial_velocity")  # parameters of simulators that can be released
 AMPLITUDE_RANGE = (0.1, 1.5)  # of the smallest and the largest amplitude of the records  [1]
 FREQUENCY_RANGE = (0.5, 2.0)  # of the lowest and the highest frequency of the records  [1]
@@ -65,8 +66,8 @@ class DesignPoint:
     ----------
     test : of `TESTS`
     amplitude : of the excitation, of a recorded one its largest magnitude; None without one  [unit of its quantity]
-    frequency : of a steady tone, or where a sweep begins; None for another  [Hz]
-    end_frequency : where a sweep ends; None for another  [Hz]
+    frequency : of a steady tone, or where a sweep or a stepped sine begins; None for another  [Hz]
+    end_frequency : where a sweep or a stepped sine ends; None for another  [Hz]
     release : displacement from which a free decay begins; None for another  [m]
     """
 
@@ -191,21 +192,29 @@ def measured_displacement(part: Part) -> float:
 
 
 def base_record(references: Mapping[str, Reference]) -> str:
-    """Name of the record on which the next one is based: the first harmonic one, else the first."""
-    return next((name for name, r in references.items() if r.excitation.harmonic), next(iter(references)))
+    """Name of the record on which the next one is based: the first harmonic one over time, else the first.
+
+    A frequency response only where there is no record over time.
+    """
+    over_time = {name: r for name, r in references.items() if not r.is_swept} or references
+    return next((name for name, r in over_time.items() if r.excitation.harmonic), next(iter(over_time)))
 
 
 def mistakes_of(laboratory: Laboratory, references: Mapping[str, Reference], model: Model) -> Iterator[tuple[str, str]]:
     """Yield (key, mistake) of each setting that does not suit the records or the simulator."""
-    excitation = references[base_record(references)].excitation
+    base = references[base_record(references)]
+    excitation = base.excitation
     if laboratory.frequency is not None and not excitation.harmonic:
         yield "frequency", "no record has a harmonic excitation whose frequency could be changed; drop this key"
-    if laboratory.amplitude is not None and amplitude_of(excitation) is None:
+    if laboratory.amplitude is not None and amplitude_of(excitation) is None and not base.is_swept:
         yield "amplitude", "no record has an excitation whose amplitude could be changed; drop this key"
     if laboratory.release is not None and releasable(model) is None:
         yield "release", f"simulator {model.simulator.name!r} takes no free decay from a displacement; drop this key"
+    for key in ("release", "channels") if base.is_swept else ():
+        if getattr(laboratory, key) is not None:
+            yield key, f"beside frequency responses only the level of a {STEPPED_SINE} is searched; drop this key"
     for test in laboratory.tests or ():
-        reason = inapplicable(test, excitation, model)
+        reason = inapplicable(test, base, model)
         if reason:
             yield "tests", reason if test not in TESTS else f"{test!r} cannot be made: {reason}"
     for body, channel in laboratory.channels or ():
@@ -216,13 +225,22 @@ def mistakes_of(laboratory: Laboratory, references: Mapping[str, Reference], mod
             yield "channels", f"unknown channel {channel!r}{nearest(channel, STATE)}; expected {' or '.join(STATE)}"
 
 
-def inapplicable(test: str, excitation: Excitation, model: Model) -> str:
+def inapplicable(test: str, base: Reference, model: Model) -> str:
     """Why a kind of test cannot be made with these records and this simulator; "" where it can.
 
     A sweep begins from an unknown state: it has to be solved for, so that it does not distinguish models.
+
+    Parameters
+    ----------
+    base : record on which the test is based
     """
+    excitation = base.excitation
     if test not in TESTS:
         return f"unknown kind of test {test!r}{nearest(test, TESTS)}; known are {', '.join(TESTS)}"
+    if test == STEPPED_SINE and not base.is_swept:
+        return "it is searched beside frequency responses, and there is a record over time"
+    if test != STEPPED_SINE and base.is_swept:
+        return "it is based on a record over time, and every record is a frequency response"
     if test in (STEADY_TONE, SWEEP) and not excitation.harmonic:
         return "it needs a record with a harmonic excitation, and there is none"
     if test == SWEEP and not model.initial:
@@ -246,7 +264,7 @@ def inapplicable_tests(
     part : record on which they are based
     """
     asked = [test for test in (SWEEP, FREE_DECAY) if laboratory.tests is None or test in laboratory.tests]
-    reasons = {test: inapplicable(test, references[part.name].excitation, model) for test in asked}
+    reasons = {test: inapplicable(test, references[part.name], model) for test in asked}
     for test in asked:
         if not reasons[test] and _region(test, laboratory, references, part) is None:
             reasons[test] = UNBOUNDED[test]
@@ -262,15 +280,18 @@ def regions(
     ----------
     part : record on which it is based
     """
-    excitation = references[part.name].excitation
+    base = references[part.name]
     asked = TESTS if laboratory.tests is None else laboratory.tests
-    made = {test: _region(test, laboratory, references, part) for test in TESTS if test in asked}
-    return {test: r for test, r in made.items() if r is not None and not inapplicable(test, excitation, model)}
+    possible = [test for test in TESTS if test in asked and not inapplicable(test, base, model)]
+    made = {test: _region(test, laboratory, references, part) for test in possible}
+    return {test: region for test, region in made.items() if region is not None}
 
 
 def _region(test: str, laboratory: Laboratory, references: Mapping[str, Reference], part: Part) -> DesignRegion | None:
     """Design region of one kind of test; None where nothing bounds it."""
     excitation = references[part.name].excitation
+    if test == STEPPED_SINE:
+        return _levels(laboratory, references, excitation)
     if test == REPEATED_RECORD:
         return DesignRegion(DesignPoint(test, amplitude_of(excitation), excitation.frequency))
     if test == FREE_DECAY:
@@ -289,6 +310,18 @@ def _region(test: str, laboratory: Laboratory, references: Mapping[str, Referenc
     if frequency.is_fixed:
         return None
     return DesignRegion(DesignPoint(test, frequency=frequency.low, end_frequency=frequency.high), (amplitude,))
+
+
+def _levels(laboratory: Laboratory, references: Mapping[str, Reference], excitation: Excitation) -> DesignRegion | None:
+    """Design region of a stepped sine over the frequencies of the responses; None without a response."""
+    responses = [r.record for r in references.values() if r.is_swept and same_drive(r.excitation, excitation)]
+    if not responses:
+        return None
+    levels = [float(end) for own in responses for end in (own.level.min(), own.level.max())]
+    level = _variable("amplitude", str(responses[0].level.attrs["units"]), laboratory.amplitude, levels)
+    ends = [float(end) for own in responses for end in (own.frequency.min(), own.frequency.max())]
+    low, high = laboratory.frequency or (min(ends), max(ends))
+    return DesignRegion(DesignPoint(STEPPED_SINE, frequency=low, end_frequency=high), (level,))
 
 
 def same_drive(one: Excitation, other: Excitation) -> bool:

@@ -3,7 +3,15 @@
 import math
 from dataclasses import dataclass
 
-from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, REPEATED_RECORD, STEADY_TONE, SWEEP, DesignPoint
+from calib.diagnosis.laboratory import (
+    FREE_DECAY,
+    RECORDED_INPUT,
+    REPEATED_RECORD,
+    STEADY_TONE,
+    STEPPED_SINE,
+    SWEEP,
+    DesignPoint,
+)
 from calib.units import shown
 
 DECISIVE_Z = 3.0  # separation from which two models are distinguishable  [standard deviations]; three-sigma rule
@@ -121,6 +129,10 @@ def described(outcome: EvaluatedPoint, record: str, unit: str, channel: str) -> 
         STEADY_TONE: lambda: f"a steady tone of {shown(point.amplitude, unit, 3)} at {point.frequency:.4g} Hz",
         SWEEP: lambda: (
             f"a sweep of {shown(point.amplitude, unit, 3)} from {point.frequency:.3g} to {point.end_frequency:.3g} Hz"
+        ),
+        STEPPED_SINE: lambda: (
+            f"a stepped sine of {shown(point.amplitude, unit, 3)} from {point.frequency:.3g} to "
+            f"{point.end_frequency:.3g} Hz"
         ),
         RECORDED_INPUT: lambda: f"the input of {record}, scaled to {shown(point.amplitude, unit, 3)}",
         FREE_DECAY: lambda: f"a free decay, released from {shown(point.release, 'm', 3)}",

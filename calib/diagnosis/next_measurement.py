@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.design_search import DesignSearch
 from calib.diagnosis.laboratory import (
@@ -105,10 +107,16 @@ def _variables(searched: Mapping[str, DesignRegion]) -> tuple[DesignVariable, ..
 
 
 def _known(references: Mapping[str, Reference], part: Part) -> tuple[RecordedPoint, ...]:
-    """Existing records with the same kind of excitation."""
-    own = references[part.name].excitation
+    """Existing records with the same kind of excitation, over time as the base is, or each level of responses."""
+    base = references[part.name]
+    alike = {
+        name: r for name, r in references.items()
+        if r.is_swept == base.is_swept and same_drive(r.excitation, base.excitation)
+    }  # fmt: skip
+    if base.is_swept:
+        levels = {name: np.unique(r.record["level"].values).tolist() for name, r in alike.items()}
+        return tuple(RecordedPoint(name, level, None) for name, own in levels.items() for level in own)
     return tuple(
         RecordedPoint(name, amplitude_of(r.excitation), r.excitation.frequency if r.excitation.harmonic else None)
-        for name, r in references.items()
-        if same_drive(r.excitation, own)
+        for name, r in alike.items()
     )

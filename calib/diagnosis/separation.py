@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
+import xarray as xr
 from scipy.linalg import block_diag
 from scipy.signal import chirp
 from scipy.signal.windows import tukey
@@ -21,6 +22,7 @@ from calib.diagnosis.laboratory import (
     FREE_DECAY,
     RELEASE,
     REPEATED_RECORD,
+    STEPPED_SINE,
     SWEEP,
     DesignPoint,
     amplitude_of,
@@ -29,6 +31,7 @@ from calib.diagnosis.laboratory import (
 )
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.part import Part
+from calib.diagnosis.stepped_design import unread_sweeps
 from calib.records import STATE
 from calib.records.excitation import Excitation
 
@@ -51,6 +54,7 @@ class Experiment:
     rows : (body, channel) pairs: those of the record, then additional ones
     initial : initial state, by parameter: a nuisance that its record has to determine  [SI]
     initial_steps : differences by these  [SI]
+    stepped : sweeps of a stepped sine, with what is read once that is known; None of another test
     """
 
     point: DesignPoint
@@ -59,21 +63,22 @@ class Experiment:
     rows: tuple[tuple[str, str], ...]
     initial: Mapping[str, float] = field(default_factory=dict)
     initial_steps: tuple[float, ...] = ()
+    stepped: xr.Dataset | None = None
 
     def centre(self, fit: Fit) -> Run:
         """Simulation of a fitted model; a steady tone starts from the record's stationary motion."""
-        state = fit.point.simulated[self.part.name].state if self.excitation.harmonic and not self.initial else None
-        return self._run(fit, fit.point.values, self.initial, state)
+        near = None if self.initial or self.stepped is not None else fit.point.simulated[self.part.name]
+        return self._run(fit, fit.point.values, self.initial, near)
 
     def differences(self, fit: Fit, centre: SimulatedRows) -> list[Run]:
         """Simulations one step along each parameter of the fit, then along each component of the initial state."""
-        values, state = fit.point.values, centre.state if self.excitation.harmonic else None
+        values = fit.point.values
         runs = [
-            self._run(fit, {**values, name: values[name] + step}, self.initial, state)
+            self._run(fit, {**values, name: values[name] + step}, self.initial, centre)
             for name, step in zip(fit.names, fit.steps, strict=True)
         ]
         for name, step in zip(self.initial, self.initial_steps, strict=True):
-            runs.append(self._run(fit, values, {**self.initial, name: self.initial[name] + step}, state))
+            runs.append(self._run(fit, values, {**self.initial, name: self.initial[name] + step}, centre))
         return runs
 
     def moved(self, fit: Fit, move: np.ndarray, centre: SimulatedRows) -> Run:
@@ -82,15 +87,19 @@ class Experiment:
         values |= {name: values[name] + d for name, d in zip(fit.names, move, strict=False)}
         initial = dict(self.initial)
         initial |= {n: initial[n] + d for n, d in zip(initial, move[len(fit.names) :], strict=True)}
-        return self._run(fit, values, initial, centre.state if self.excitation.harmonic else None)
+        return self._run(fit, values, initial, centre)
 
     def _run(
-        self, fit: Fit, values: Mapping[str, float], initial: Mapping[str, float], state: np.ndarray | None
+        self, fit: Fit, values: Mapping[str, float], initial: Mapping[str, float], near: SimulatedRows | None
     ) -> Run:
         """Simulation of a fitted model at these values, from this initial state or near this stationary motion."""
         own = {f"{parameter}@{self.part.name}" for parameter in self.initial}
         values = {name: value for name, value in values.items() if name not in own}
-        return Run(self.part.name, {**values, **initial}, fit.point.effects, state, self.excitation, rows=self.rows)
+        run = Run(self.part.name, {**values, **initial}, fit.point.effects, rows=self.rows)
+        if self.stepped is not None:
+            return replace(run, stepped=self.stepped, sweeps={} if near is None else near.sweeps)
+        state = near.state if near is not None and self.excitation.harmonic else None
+        return replace(run, state=state, excitation=self.excitation)
 
 
 def experiment(
@@ -104,6 +113,9 @@ def experiment(
     additional : (body, channel) pairs in addition to those of the record
     """
     rows = (*part.rows, *additional)
+    if point.test == STEPPED_SINE:
+        reference = bench.objective.references[part.name]
+        return Experiment(point, part, reference.excitation, rows, stepped=unread_sweeps(point, reference.record))
     initial, steps = _initial_state(point, bench, part, simulated)
     return Experiment(point, part, excitation_at(point, bench, part), rows, initial, steps)
 
@@ -309,6 +321,8 @@ def new_part(made: Experiment, centres: Sequence[SimulatedRows]) -> Part:
     Of an additional channel noise and motion have the ratio of a row of the same channel, or else of the first row.
     """
     part, rows = made.part, centres[0].rows
+    if made.stepped is not None:
+        return _stepped_part(part, made.stepped, rows)
     sources = [*range(len(part.rows)), *(_similar_row(part, channel) for _, channel in made.rows[len(part.rows) :])]
     noise = tuple(_scaled(part.noise[k], row, part.measured[k]) for k, row in zip(sources, rows, strict=True))
     used = np.concatenate([part.used.any(axis=1), np.ones(len(made.rows) - len(part.rows), dtype=bool)])
@@ -320,6 +334,16 @@ def new_part(made: Experiment, centres: Sequence[SimulatedRows]) -> Part:
     clock = uncertain_clock(made.excitation, time, rows)
     return replace(
         part, rows=made.rows, time=time, period=period, noise=noise, weight=weight, measured=rows, clock=clock
+    )
+
+
+def _stepped_part(part: Part, stepped: xr.Dataset, rows: np.ndarray) -> Part:
+    """Record that a stepped sine would give: of rows (row, n) in its standard uncertainties, which know their size."""
+    noise = tuple(replace(own, profile=1.0) for own in part.noise)
+    weight = np.ones(rows.shape) * part.used.any(axis=1, keepdims=True)
+    time, sweep = np.arange(float(rows.shape[1])), stepped["sweep"].values
+    return replace(
+        part, time=time, noise=noise, used=weight > 0.0, weight=weight, measured=rows, clock=None, sweep=sweep
     )
 
 

@@ -156,3 +156,33 @@ def test_a_rehearsal_of_sweeps_says_what_they_would_name(tmp_path):
     assert not weak.causes
     assert strong.causes == ("quadratic_drag",)
     assert len((tmp_path / "out" / "rehearsal.jsonl").read_text().splitlines()) == 4
+
+
+@pytest.mark.slow
+def test_the_level_that_would_distinguish_two_springs_is_told_and_does(tmp_path):
+    truth, few = drawn("cubic_stiffness", 3), (0.09, 0.1)
+    bench = (
+        '[diagnosis]\ncandidates = ["cubic_stiffness", "softening"]\n[diagnosis.bench]\namplitude = ["50 mN", "0.4 N"]'
+    )
+    said = of_levels(truth, few, tmp_path / "few", bench)
+    assert {name for names in said["class"] for name in names} == {"cubic_stiffness", "softening"}
+    [best] = said["measurements"]
+    assert (best["kind"], best["distinguished"], best["confirmed"]) == ("stepped sine", 1, True)
+    assert 0.1 < best["amplitude"] <= 0.4
+    z = {round(point["amplitude"], 3): point["z"] for point in said["design"]["points"]}
+    assert z[0.05] < 3.0 < best["z"]
+    assert "stepped sine of" in (tmp_path / "few" / "out" / "report.html").read_text()
+    assert of_levels(truth, (*few, best["amplitude"]), tmp_path / "more", bench)["causes"] == ["cubic_stiffness"]
+
+
+def of_levels(truth, levels, folder, asked):
+    """Diagnosis of sweeps at these levels, with what a study asks of it."""
+    folder.mkdir()
+    written(truth, 3, folder)
+    record(truth, levels, 3).to_netcdf(folder / "levels.nc")
+    study = folder / "study.toml"
+    study.write_text(f"{study.read_text()}\n{asked}\n")
+    for command in ("run", "diagnose"):
+        answer = CliRunner().invoke(calib, [command, str(folder), "--quiet", "--jobs", "1"], catch_exceptions=False)
+        assert answer.exit_code == 0, answer.output
+    return json.loads((folder / "out" / "diagnosis.json").read_text())

@@ -23,7 +23,7 @@ from calib.diagnosis.design_document import (
     RecordSetting,
     setting_of,
 )
-from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, STEADY_TONE, SWEEP, WITHOUT_CONTACT
+from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, STEADY_TONE, STEPPED_SINE, SWEEP, WITHOUT_CONTACT
 from calib.diagnosis.measurement import FAILED, GRID, IRREGULAR, OK
 from calib.report.formatting import number
 from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, logarithmic, shown_unit
@@ -33,7 +33,12 @@ MIN_AXIS_Z = 0.1  # lower end of the scale; smaller values are marked as below i
 HEADROOM_RATIO = 1.5  # upper end of the scale over the decisive z, where no point reaches that  [1]
 EXCLUDED = "#e8e8e8"
 STARS = {STEADY_TONE: ("*", 15.0), WITHOUT_CONTACT: ("D", 7.0)}  # marker and size [points] of the best
-SETTING = {SWEEP: "amplitude", RECORDED_INPUT: "amplitude", FREE_DECAY: "release"}  # that a test is searched over
+SETTING = {
+    SWEEP: "amplitude",
+    STEPPED_SINE: "amplitude",
+    RECORDED_INPUT: "amplitude",
+    FREE_DECAY: "release",
+}  # that a test is searched over
 MAX_RATIO_WITH_STEPS = 20.0  # of the ends of the scale, below which it has ticks within decades  [1]
 BOUNDS_MARGIN = 0.02  # beyond the bounds of the search, as a share of the logarithmic range  [1]
 MAX_NAMED_RECORDS = 6  # records that are named in the map
