@@ -176,7 +176,7 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> Suspect
         refitted=isinstance(suspect, Refitted),
         null=dict(zip(names, null, strict=True)),
         cosine=None if chosen is None else cosine(suspect, chosen),
-        reason=suspect.reason or _without_effect(suspect),
+        reason=suspect.reason or _without_effect(suspect) or _unfitted(suspect),
     )
 
 
@@ -188,6 +188,11 @@ def _without_effect(suspect: Suspect) -> str:
         if none
         else ""
     )
+
+
+def _unfitted(suspect: Suspect) -> str:
+    """Why the refit of a suspect could not begin; "" where it did, or there was none."""
+    return suspect.fit.reason if isinstance(suspect, Refitted) and not suspect.fit.names else ""
 
 
 def _round(outcome: Round) -> RoundResult:

@@ -224,8 +224,8 @@ class Refitted(_OfCandidate):
 
     @property
     def size(self) -> np.ndarray:
-        """Sizes (p,) of the refit  [units of the parameters]."""
-        return np.array([self.fit.value(name) for name in self.candidate.free])
+        """Sizes (p,) of the refit, of one that could not begin those before it  [units of the parameters]."""
+        return np.array([self.fit.value(n) for n in self.candidate.free]) if self.fit.names else self.screened.size
 
     @property
     def error(self) -> np.ndarray:

@@ -58,6 +58,22 @@ def test_what_a_refit_leaves_widens_the_deviate_of_one_without_a_score_test():
     assert Untestable(CANDIDATE, "it has no derivative").refitted(left, 36.0).z == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize(
+    ("screened", "size"),
+    [
+        (Scored(CANDIDATE, TEST, np.ones((4, 1)), SIGNATURE, np.array([0.35])), 2.3),
+        (Untestable(CANDIDATE, "it has no derivative"), 2.0),
+    ],
+)
+def test_of_a_refit_that_could_not_begin_no_size_is_asked(screened, size):
+    def unknown(name):
+        raise KeyError(name)
+
+    failed = screened.refitted(SimpleNamespace(names=(), value=unknown, chi2=4.0, residual=np.ones(4)), 0.0)
+    assert failed.size == pytest.approx([size])
+    assert failed.error.tolist() == screened.error.tolist()
+
+
 def test_a_second_fit_replaces_the_first():
     scored = Scored(CANDIDATE, TEST, np.ones((4, 1)), SIGNATURE, np.array([0.35]))
     suspect = scored.refitted(FIT, 36.0).refitted(FIT, 40.0)
