@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from calib.errors import CalibError
+from calib.store import read
 from calib.study import result
 from calib.study_file import StudyFile
 
@@ -20,10 +21,5 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
         raise CalibError(f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `calib run {file.path}`")
     if not calibration.values:
         raise CalibError(f"no trial of the study in {folder} ended well: there are no values; see `calib status`")
-    missing = [name for name in file.study.space.names if name not in calibration.values]
-    if missing:
-        raise CalibError(
-            f"{folder / result.FILE_NAME} has no value of {missing[0]}, which the study searches: it was changed "
-            f"since; run `calib run {file.path}` again"
-        )
+    read(folder, file.study.header.definition)  # refuses the trials of another study
     return {**file.study.space.fixed, **calibration.values}

@@ -15,6 +15,7 @@ from undrawn import undrawn
 from calib.cli import main
 from calib.diagnosis.transfer import Transfer
 from calib.effects.cubic_stiffness import EFFECT as CUBIC
+from calib.errors import CalibError
 from calib.execution.pools import started
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window
@@ -206,6 +207,15 @@ def test_what_was_not_calibrated_is_not_diagnosed(tmp_path, folder):
     answer = CliRunner().invoke(main, ["diagnose", str(tmp_path)])
     assert answer.exit_code == 1
     assert "calib run" in answer.output
+
+
+def test_values_that_were_found_for_other_records_are_not_diagnosed(tmp_path, folder):
+    shutil.copytree(folder, tmp_path / "changed")
+    shutil.copy(folder / "later.nc", tmp_path / "changed" / "swept.nc")
+    begun = []
+    with pytest.raises(CalibError, match=r"was made by another study:\n  records\.swept"):
+        diagnose_study(tmp_path / "changed", on_stage=begun.append)
+    assert not begun
 
 
 def test_an_unknown_candidate_is_refused_with_its_line(tmp_path, folder):
