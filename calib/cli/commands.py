@@ -30,6 +30,7 @@ from calib.cli.options import (
 )
 from calib.cli.parameters import sensitivity, window
 from calib.errors import WorkersLost
+from calib.workflows.command_line import command_line
 
 # ruff: noqa: D301 - click reads the "\b" of a docstring as "do not wrap"
 # Everything but click is imported inside the command that needs it: numba, xarray and optuna take seconds, and
@@ -96,7 +97,7 @@ def run(
         result = calibrate(study, out, budget=budget, jobs=jobs, fresh=fresh, quiet=quiet, pool=pool_table(pool))
     except (KeyboardInterrupt, WorkersLost) as stop:
         given = [("--out", out), ("--budget", budget), ("--jobs", jobs), ("--pool", pool)]
-        again = shlex.join(["calib", "run", str(study), *(str(x) for pair in given if pair[1] for x in pair)])
+        again = command_line("run", study, *(str(x) for pair in given if pair[1] for x in pair))
         why = "stopped" if isinstance(stop, KeyboardInterrupt) else f"calib: {stop}"
         click.echo(f"\n{why}; every finished trial is kept. Go on with:  {again}", err=True)
         sys.exit(EXIT_STOPPED)
@@ -330,6 +331,7 @@ def new(kind: str, name: str, folder: Path, program: bool) -> None:
     files = write_new(kind, name, folder, program)
     click.echo("\n".join(map(str, files)))
     if kind == "study":
-        click.echo(f"next: calib run {folder / name}")
+        click.echo(f"next: {command_line('run', folder / name)}")
     else:
-        click.echo(f"next: pytest {files[-1]}; a study beside it knows it as {name}:{thing_of(kind, name)}")
+        tested = shlex.join(["pytest", str(files[-1])])
+        click.echo(f"next: {tested}; a study beside it knows it as {name}:{thing_of(kind, name)}")

@@ -1,7 +1,6 @@
 """`calib confidence`: the intervals of the profiles, printed."""
 
 import json
-import shlex
 import sys
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
 from calib.report.pages.confidence import comparison_remarks, prediction_remarks, sampling_remarks
 from calib.units import plain_number, reading, shown
+from calib.workflows.command_line import command_line
 from calib.workflows.confidence import CONFIDENCE_PICTURE, confidence_study, pairs_of
 from calib.workflows.posterior import POSTERIOR_FILES, damage_of_sample
 
@@ -67,7 +67,7 @@ def print_confidence(
         }
         flags = [name for name, on in switches.items() if on]
         stated = [str(part) for pair in given if pair[1] for part in pair]
-        again = shlex.join(["calib", "confidence", str(study), *flags, *stated])
+        again = command_line("confidence", study, *flags, *stated)
         click.echo(f"\nstopped; every finished point is kept. Go on with:  {again}", err=True)
         sys.exit(EXIT_STOPPED)
     if as_json:

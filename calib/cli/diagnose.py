@@ -31,6 +31,7 @@ from calib.report.pages.diagnosis.sizes import (
 )
 from calib.report.pages.diagnosis.suspects import outcome
 from calib.report.plots.suspects import SuspectOutcome
+from calib.workflows.command_line import command_line
 from calib.workflows.diagnose import diagnose_study
 
 MAX_PRINTED_SUSPECTS = 12  # suspects that are printed
@@ -117,7 +118,8 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
     console.print(f"{diagnosis.simulations} simulations in {diagnosis.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:
-        console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)
+        told = f"extended study:  {extended}   ({command_line('run', extended)})"
+        console.print(escape(told), soft_wrap=True)
 
 
 def _suspects(diagnosis: DiagnosisResult, width: int) -> Table:

@@ -18,6 +18,7 @@ from calib.report.plots.reference import reference_picture
 from calib.report.record_description import record_description, record_warnings
 from calib.study_file.mistakes import located, read_study
 from calib.study_file.references import references
+from calib.workflows.command_line import command_line
 
 TABLES = (".csv", ".txt", ".dat", ".tsv", ".json", ".mat")  # suffixes of what [record.table] reads
 
@@ -58,7 +59,7 @@ def digitise_figure(path: Path, spec: Path | None, output: Path, bodies: Sequenc
         drawn = output.with_name(f"{output.stem}.overlay.png")
         overlay(digitised.figure, drawn)
         click.echo(f"overlay: {drawn}  (look at it: do the lines lie on the curves?)")
-    click.echo(f"what it holds: calib reference show {output}")
+    click.echo(f"what it holds: {command_line('reference', 'show', output)}")
 
 
 def show_reference(path: Path, output: Path | None) -> None:

@@ -17,6 +17,7 @@ from calib.diagnosis.discovery.artifacts import DISCOVERY
 from calib.diagnosis.discovery.discover import FOUND
 from calib.diagnosis.discovery.document import DiscoveryResult, NumberResult
 from calib.units import plain_number, shown
+from calib.workflows.command_line import command_line
 from calib.workflows.discover import FORCE_PICTURE, discover_study
 
 
@@ -58,7 +59,8 @@ def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path
     names = ", ".join([DISCOVERY, *([FORCE_PICTURE] if result.functions else []), "report.html"])
     console.print(f"files:  {escape(str(folder))}/ ({names})", soft_wrap=True)
     if extended is not None:
-        console.print(f"extended study:  {escape(str(extended))}   (calib run {escape(str(extended))})", soft_wrap=True)
+        told = f"extended study:  {extended}   ({command_line('run', extended)})"
+        console.print(escape(told), soft_wrap=True)
 
 
 def _formulas(result: DiscoveryResult, console: Console) -> None:

@@ -7,6 +7,7 @@ from calib.errors import CalibError
 from calib.store import read
 from calib.study import result
 from calib.study_file import StudyFile
+from calib.workflows.command_line import command_line
 
 
 def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
@@ -18,7 +19,9 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
     """
     calibration = result.read(folder)
     if calibration is None:
-        raise CalibError(f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `calib run {file.path}`")
+        raise CalibError(
+            f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `{command_line('run', file.path)}`"
+        )
     if not calibration.values:
         raise CalibError(f"no trial of the study in {folder} ended well: there are no values; see `calib status`")
     read(folder, file.study.header.definition)  # refuses the trials of another study

@@ -21,6 +21,7 @@ from calib.objective import Reference
 from calib.records import OK, failed
 from calib.study_file import StudyFile, load
 from calib.study_file.values_check import start_values
+from calib.workflows.command_line import command_line
 
 PASSED = "dry-run.json"  # in the folder of the results: of which study a dry run has ended well
 
@@ -76,10 +77,10 @@ def check_simulator_runs(file: StudyFile, on_stage: Callable[[str], None] = lamb
     on_stage("dry run")
     dry = _tried(file)
     if not dry.succeeded:
-        attrs = dry.run.record.attrs
+        attrs, again = dry.run.record.attrs, command_line("run", "--dry-run", file.path)
         raise FirstRunFailed(
             f"the first run, of record {dry.record!r} at the starting or nominal values, failed ({attrs['status']}): "
-            f"{attrs['reason']}; `calib run --dry-run {file.path}` shows it; start values of [windows] choose another "
+            f"{attrs['reason']}; `{again}` shows it; start values of [windows] choose another "
             "point"
         )
     _pass(file)

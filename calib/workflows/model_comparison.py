@@ -21,6 +21,7 @@ from calib.store.lock import Lock
 from calib.study import CalibrationStudy
 from calib.study_file import StudyFile
 from calib.workflows.calibrated import calibrated_values
+from calib.workflows.command_line import command_line
 from calib.workflows.evaluations import Evaluations
 from calib.workflows.texts import diagnosis_text
 
@@ -169,5 +170,5 @@ def _diagnosis(file: StudyFile) -> str:
     except CalibError as error:
         return str(error)
     if diagnosis is None:
-        return f"no diagnosis: `calib diagnose {file.path}` makes one"
+        return f"no diagnosis: `{command_line('diagnose', file.path)}` makes one"
     return diagnosis_text(file.study.name, diagnosis).replace("\n  ", "; ")
