@@ -76,13 +76,15 @@ def record_description(record: xr.Dataset) -> Iterator[str]:
     yield from _nuisances(record)
 
 
-def response_text(record: xr.Dataset) -> str:
-    """Describe the excitation of a frequency response: quantity, place, levels and frequencies."""
+def response_text(record: xr.Dataset, quantity: str, place: str) -> str:
+    """Describe the excitation of a frequency response: quantity, place, levels and frequencies.
+
+    quantity, place : of the excitation, which a study may state in the place of the record; "" where neither does
+    """
     unit, level, frequency = str(record["level"].attrs["units"]), record["level"].values, record["frequency"].values
     low, high = shown(float(level.min()), unit), shown(float(level.max()), unit)
     size = low if low == high else f"{low} to {high}"
-    drive = " at the ".join(str(record.attrs[key]) for key in ("quantity", "place") if key in record.attrs)
-    drive = drive or "an excitation that is not stated"
+    drive = " at the ".join(filter(None, (quantity, place))) or "an excitation that is not stated"
     return (
         f"swept by {drive}, {size}, from {shown(float(frequency.min()), 'Hz')} to {shown(float(frequency.max()), 'Hz')}"
     )
@@ -98,7 +100,8 @@ def level_text(record: xr.Dataset, points: np.ndarray) -> str:
 
 def _response(record: xr.Dataset) -> Iterator[str]:
     """Describe a frequency response, sweep by sweep."""
-    yield f"frequency response of {record.sizes['point']} points: {response_text(record)}"
+    drive = (str(record.attrs.get(key, "")) for key in ("quantity", "place"))
+    yield f"frequency response of {record.sizes['point']} points: {response_text(record, *drive)}"
     amplitude, stated = np.abs(complex_amplitude(record)), "response_sigma" in record
     for sweep, points in sweeps(record):
         way = "up" if record["direction"].values[points[0]] > 0.0 else "down"

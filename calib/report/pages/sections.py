@@ -141,7 +141,7 @@ def record_section(
         use=reference.use,
         source=str(measured.attrs.get("source", "")),
         warning=str(measured.attrs.get("warning", "")),
-        driven=response_text(measured)
+        driven=response_text(measured, reference.excitation.quantity, reference.excitation.place)
         if response
         else excitation_text(reference.excitation, float(measured.attrs.get(CLOCK_RATE, 0.0))),
         noise=noise_text(measured),

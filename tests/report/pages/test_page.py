@@ -11,8 +11,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.objective import MISFIT
+from calib.objective import MISFIT, Reference
 from calib.records.excitation import Excitation
+from calib.records.response import make_response
 from calib.report import render
 from calib.report.formatting import measured_number, number
 from calib.report.pages.base_study import BaseStudy
@@ -314,6 +315,15 @@ def test_the_page_says_how_far_the_clock_is_off(rate, said):
 )
 def test_the_page_says_how_a_record_was_excited(excitation, said):
     assert said in excitation_text(excitation)
+
+
+@pytest.mark.parametrize("of_record", [{}, {"place": "base", "quantity": "base motion"}])
+def test_the_page_says_how_a_frequency_response_was_excited_as_the_study_has_it(of_record, periodic, undrawn):
+    record = make_response(np.array([1.0, 2.0]), ["q2"], np.ones((1, 2)), 0.5, "N", **of_record)
+    swept = Reference("swept", record, excitation=Excitation("end", "force", frequency=1.0, amplitude=0.5))
+    study = SimpleNamespace(objective=SimpleNamespace(references={"swept": swept}))
+    driven = record_section(study, "swept", None, periodic.result).driven
+    assert driven == "swept by force at the end, 0.5 N, from 1 Hz to 2 Hz"
 
 
 def test_the_page_states_the_uncertainty_of_a_record(periodic):
