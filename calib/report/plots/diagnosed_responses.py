@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from calib.report.plots.diagnosed_cycles import compared_rows
-from calib.report.plots.measured_response import sweep_entries, sweep_look
+from calib.report.plots.measured_response import sweep_legend, sweep_look
 from calib.report.plots.style import LINE, STYLE, TEXT_WIDTH
 
 NOISE = "#e4e4e4"  # band of the noise of a point
@@ -26,7 +26,7 @@ def response_residual_figure(motion: xr.Dataset, label: str = "") -> Figure | No
     if label and "extended" in motion:
         models["extended"] = label
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(TEXT_WIDTH, 1.7 * len(compared) + 0.9), layout="constrained")
+        figure = Figure(figsize=(TEXT_WIDTH, 1.7 * len(compared) + 0.7), layout="constrained")
         grid = figure.subplots(len(compared), len(models), squeeze=False, sharex=True, sharey="row")
         for panels, (row, body, channel, _) in zip(grid, compared, strict=True):
             for axes, model in zip(panels, models, strict=True):
@@ -36,8 +36,7 @@ def response_residual_figure(motion: xr.Dataset, label: str = "") -> Figure | No
             axes.set_title(f"measured minus simulated: {title}")
         for axes in grid[-1]:
             axes.set_xlabel("Frequency of the excitation [Hz]")
-        handles = [*sweep_entries(motion), Patch(color=NOISE, label="noise, ±2 standard deviations")]
-        figure.legend(handles=handles, loc="outside upper right", ncols=min(5, len(handles)), columnspacing=1.4)
+        sweep_legend(figure, motion, Patch(color=NOISE, label="noise, ±2 standard deviations"))
     return figure
 
 

@@ -6,7 +6,9 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -17,7 +19,9 @@ from calib.report.record_description import level_text
 
 SWEEPS = mpl.colormaps["viridis"]  # colours of the sweeps, by rising level
 LIGHTEST_SWEEP = 0.82  # of the colour map: the yellow beyond it is too light on white  [1]
-MAX_LEGEND_SWEEPS = 8  # count
+MAX_LEGEND_SWEEPS = 12  # count: six levels up and down
+MAX_LEGEND_COLUMNS = 5  # count
+MAX_LEGEND_WIDTH = 0.97  # of a legend over that of its figure, which leaves the margins free  [1]
 BAR_SIGMAS = 2.0  # standard uncertainties on either side of a point
 UP, DOWN = "^", "v"  # markers of points of a sweep up and down
 
@@ -46,10 +50,8 @@ def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) 
             upper.set_ylim(0.0, None)
             lower.set_ylabel("Phase [deg]")
         grid[-1].set_xlabel("Frequency of the excitation [Hz]")
-        handles = sweep_entries(measured)
-        if simulated is not None:
-            handles.append(Line2D([], [], color=LINE, linewidth=1.1, label="simulated, stable"))
-        grid[0].legend(handles=handles, loc="best", fontsize=7)
+        stable = Line2D([], [], color=LINE, linewidth=1.1, label="simulated, stable")
+        sweep_legend(figure, measured, *([] if simulated is None else [stable]))
     return figure
 
 
@@ -91,9 +93,24 @@ def sweep_look(measured: xr.Dataset) -> list[tuple[np.ndarray, Look]]:
     return [(points, {"color": colours[sweep], "marker": markers[sweep]}) for sweep, points in sweeps(measured)]
 
 
-def sweep_entries(measured: xr.Dataset) -> list[Line2D]:
+def sweep_legend(figure: Figure, measured: xr.Dataset, *others: Artist) -> None:
+    """Add a legend of the sweeps and of what else is drawn above the panels, which keep their size.
+
+    It has as many columns as the width of the figure has room for.
+    """
+    renderer, handles = FigureCanvasAgg(figure).get_renderer(), [*_entries(measured), *others]
+    for columns in range(min(MAX_LEGEND_COLUMNS, len(handles)), 0, -1):
+        legend = figure.legend(handles=handles, loc="outside upper right", ncols=columns, columnspacing=1.4)
+        size = legend.get_window_extent(renderer)
+        if size.width <= MAX_LEGEND_WIDTH * figure.bbox.width or columns == 1:
+            break
+        legend.remove()
+    figure.set_figheight(figure.get_figheight() + size.height / figure.dpi)
+
+
+def _entries(measured: xr.Dataset) -> list[Artist]:
     """Entries of a legend of the sweeps: level and direction; the first few of many."""
-    colours, markers, handles = _colours(measured), _markers(measured), list[Line2D]()
+    colours, markers, handles = _colours(measured), _markers(measured), list[Artist]()
     for sweep, points in sweeps(measured)[:MAX_LEGEND_SWEEPS]:
         way = "up" if markers[sweep] == UP else "down"
         label = f"{level_text(measured, points)}, {way}"

@@ -1,0 +1,64 @@
+"""Pictures of measured frequency responses: their legend covers nothing and is whole."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from calib.records.response import PARTS, make_response
+from calib.report.plots.diagnosed_responses import response_residual_figure
+from calib.report.plots.measured_response import response_over_frequency
+
+FREQUENCIES = np.linspace(20.0, 30.0, 9)  # Hz
+
+
+def sweeps_up_and_down(levels, sag):
+    """Sweeps of flat responses, which fill the panel; the level of each falls by `sag` over the frequency  [1]."""
+    level = np.concatenate([np.linspace(1.0, 1.0 - sag, 9)[::way] * size for size in levels for way in (1, -1)])
+    frequency = np.concatenate([FREQUENCIES[::way] for _ in levels for way in (1, -1)])
+    direction = np.tile(np.repeat([1.0, -1.0], 9), len(levels))
+    sweep = np.repeat(np.arange(2 * len(levels)), 9)
+    return make_response(frequency, ["mass"], 1e-3 * level[None], level, "N", sweep, direction)
+
+
+def measured_and_simulated(record):
+    return response_over_frequency(record, record.assign(piece=("point", record.sweep.values)))
+
+
+def diagnosed(record):
+    over, rows = ("row", "time"), np.ones((2, record.sizes["point"]))
+    views = {"measured": rows, "calibrated": rows, "extended": rows, "weight": rows}
+    points = {name: ("time", record[name].values, record[name].attrs) for name in
+              ("frequency", "level", "sweep", "direction")}  # fmt: skip
+    of_rows = {"body": ["mass", "mass"], "channel": PARTS, "unit": ["1", "1"]}
+    return response_residual_figure(
+        xr.Dataset(
+            {name: (over, view) for name, view in views.items()} | {"sigma": ("row", [1.0, 1.0])},
+            coords=points | {name: ("row", list(own)) for name, own in of_rows.items()},
+        ),
+        "friction",
+    )
+
+
+@pytest.mark.parametrize("draw", [measured_and_simulated, diagnosed])
+@pytest.mark.parametrize("sag", [0.0, 0.4])
+@pytest.mark.parametrize("count", [1, 3, 6])
+def test_the_legend_lies_above_the_panels_and_within_the_picture(count, sag, draw):
+    figure = draw(sweeps_up_and_down(0.0123 * np.arange(1, count + 1), sag))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    [legend] = figure.legends
+    box = legend.get_window_extent()
+    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+    assert box.y1 <= figure.bbox.height
+    assert all(axes.get_tightbbox(canvas.get_renderer()).y1 <= box.y0 for axes in figure.axes)
+    assert all(axes.get_legend() is None for axes in figure.axes)
+    assert len(legend.get_texts()) == 2 * count + 1
+
+
+def test_the_panels_keep_their_size_however_many_sweeps_the_legend_names():
+    figures = [measured_and_simulated(sweeps_up_and_down(levels, 0.4)) for levels in ([1.0], np.arange(1.0, 7.0))]
+    for figure in figures:
+        FigureCanvasAgg(figure).draw()
+    one, six = (figure.axes[0].get_window_extent().height for figure in figures)
+    assert six == pytest.approx(one, rel=0.03)
