@@ -24,6 +24,7 @@ from calib.dynamics.response import (
     Irregular,
     ResponseBranch,
     Truncation,
+    as_measured,
     check_window,
     constant,
 )
@@ -228,9 +229,9 @@ class _SeriesSearch:
         values = self.balance.at(series, self.balance.phase)
         begin = self.setting.section_phase
         harmonics = np.array([curve.complex_amplitudes(motion.z, begin) for motion in motions])
-        return ResponseBranch(
-            self.level, branch, np.moveaxis(harmonics, 0, -1), 0.5 * np.ptp(values, axis=-1).T
-        )  # fmt: skip
+        peak = 0.5 * np.ptp(values, axis=-1).T
+        followed = ResponseBranch(self.level, branch, np.moveaxis(harmonics, 0, -1), peak)
+        return as_measured(self.setting, followed, self.amplitude)
 
     def _checks(self, curve: SeriesCurve, motions: list[SeriesMotion], branch: Branch) -> Iterator[Truncation]:
         """Yield what shooting makes of some motions: the change of the state at the section over the motion's size."""

@@ -6,7 +6,7 @@ grazes; what the motion settles to beyond is followed, too.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from calib.dynamics.single_run import kind_of_run
 from calib.errors import CalibError
 from calib.modelling.orbit import PeriodMap, SampledMap
 from calib.records import OK
+from calib.records.response import complex_amplitude, make_response
 
 HARMONIC_SAMPLES = 1024  # of the motion whose harmonics are taken: where it has kinks they are exact to some 1e-6
 MAX_BRANCHES = 32  # of one level
@@ -49,7 +50,8 @@ class ResponseBranch:
     level : amplitude of the excitation, in its unit
     branch : over the frequency [Hz], with stability and special points
     harmonics : (body, harmonic, m) complex amplitudes H_0 (the mean), H_1, ... of the displacement: it is the real part
-        of the sum of H_k exp(i k (2 pi F t + phase)) where the excitation is A cos(2 pi F t + phase)  [m]
+        of the sum of H_k exp(i k (2 pi F t + phase)) where the excitation is A cos(2 pi F t + phase)  [m]; H_1, of
+        which a measured response is, as effects at the site "response" have it measured, all else of the motion itself
     peak : (body, m) half of the displacement from its lowest to its highest value  [m]
     isolated : whether continuation in the level has found it, and the sweep has not
     """
@@ -337,7 +339,20 @@ def _response(
     frequencies = branch.parameter.tolist()
     pairs = [at(f, amplitude(level, f), state) for f, state in zip(frequencies, branch.states, strict=True)]
     complex_amplitudes, peaks = zip(*pairs, strict=True)
-    return ResponseBranch(level, branch, np.stack(complex_amplitudes, axis=-1), np.stack(peaks, axis=-1), isolated)
+    stacked = np.stack(complex_amplitudes, axis=-1), np.stack(peaks, axis=-1)
+    return as_measured(setting, ResponseBranch(level, branch, *stacked, isolated), amplitude)
+
+
+def as_measured(setting: Setting, response: ResponseBranch, amplitude: AmplitudeAt) -> ResponseBranch:
+    """Return a response whose first harmonic is what effects at the site "response" have measured of it."""
+    excitation, harmonics = setting.excitation, response.harmonics.copy()
+    levels = np.array([amplitude(response.level, frequency) for frequency in response.frequency.tolist()])
+    record = make_response(
+        response.frequency, response.branch.bodies, harmonics[:, 1], levels, excitation.unit, place=excitation.place,
+        quantity=excitation.quantity,
+    )  # fmt: skip
+    harmonics[:, 1] = complex_amplitude(setting.model.measured_response(record, setting.values))
+    return replace(response, harmonics=harmonics)
 
 
 def harmonics_of_cycle(

@@ -1,22 +1,29 @@
 """Frequency responses: against closed forms, another integrator, and a surface of motions with an isola."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from dynamics.plain_maps import PlainMap
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq, fsolve
 
 import calib.dynamics.response
+from calib.dynamics.harmonic_response import balanced_response
 from calib.dynamics.response import frequency_response
 from calib.dynamics.response_dataset import response_dataset
 from calib.dynamics.setting import Setting
+from calib.dynamics.swept_response import swept_response
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
+from calib.effects.residual_compliance import EFFECT as RESIDUAL_COMPLIANCE
+from calib.effects.response_lag import EFFECT as RESPONSE_LAG
 from calib.errors import CalibError
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
+from calib.records.response import complex_amplitude, make_response
 from calib.simulators.oscillator.oscillator import Oscillator
 
 MASS, DAMPING, STIFFNESS = 1.0, 1.0, 400.0  # kg, N s/m, N/m
@@ -179,7 +186,9 @@ class SurfaceMap(PlainMap):
 def surface():
     return SimpleNamespace(
         map=lambda varied=None: SurfaceMap(*(varied or {"f": 3.0, "a": 0.5}).values()),
-        unit=lambda name: "m", section_phase=0.0, model=SimpleNamespace(name="surface"),
+        unit=lambda name: "m", section_phase=0.0, values={},
+        excitation=Excitation("base", "base motion", frequency=3.0, amplitude=0.5),
+        model=SimpleNamespace(name="surface", measured_response=lambda record, values: record),
     )  # fmt: skip
 
 
@@ -193,6 +202,55 @@ def test_a_closed_curve_is_found_by_continuation_in_the_level():
     assert closed.branch.ends == ("the branch closes on itself",) * 2
     assert 2.2 < closed.frequency.min() < 3.0 < closed.frequency.max() < 3.8
     assert response.branches[0].isolated is False
+
+
+# --- effects on what is measured
+
+
+RESIDUAL, LAG = 2e-3, 5e-3  # m/N, s
+MEASURED_WITH = {"residual_compliance": RESIDUAL, "response_lag": LAG}
+
+
+@pytest.fixture(scope="module", params=[frequency_response, balanced_response])
+def measured_and_motion(request):
+    """One branch with a level that follows the frequency: as it is measured, and of the motion itself."""
+    motion, effects = setting(CUBIC_STIFFNESS, k3=2e4), (RESIDUAL_COMPLIANCE, RESPONSE_LAG)
+    measured = replace(motion, model=motion.model.extended(*effects), values={**motion.values, **MEASURED_WITH})
+    return [
+        request.param(held, (2.6, 3.6), [0.3], steps=3, amplitude=lambda level, f: level * f / 3.0).branches[0]
+        for held in (measured, motion)
+    ]
+
+
+def test_the_first_harmonic_is_what_effects_on_the_response_have_measured(measured_and_motion):
+    measured, motion = measured_and_motion
+    np.testing.assert_array_equal(measured.frequency, motion.frequency)
+    level = 0.3 * motion.frequency / 3.0
+    expected = (motion.harmonics[0, 1] + RESIDUAL * level) * np.exp(-2j * np.pi * LAG * motion.frequency)
+    np.testing.assert_allclose(measured.harmonics[0, 1], expected, rtol=1e-12)
+    assert np.abs(measured.harmonics[0, 1] / motion.harmonics[0, 1] - 1.0).min() > 0.05
+
+
+def test_the_curve_is_the_one_that_a_measured_response_is_compared_with(measured_and_motion):
+    measured, _ = measured_and_motion
+    points = slice(None, None, -(-measured.frequency.size // 7))
+    frequency = measured.frequency[points]
+    record = make_response(frequency, ["mass"], np.ones((1, frequency.size)), 0.1 * frequency, "N", 0,
+                           np.sign(frequency[-1] - frequency[0]))  # fmt: skip
+    model = Model(Oscillator(), (CUBIC_STIFFNESS, RESIDUAL_COMPLIANCE, RESPONSE_LAG))
+    swept = swept_response(model, {**VALUES, "k3": 2e4, **MEASURED_WITH}, FORCE, record)
+    order = np.argsort(swept.frequency.values)
+    compared = CubicSpline(swept.frequency.values[order], complex_amplitude(swept)[0, order])(frequency)
+    size = np.abs(measured.harmonics[0, 1]).max()
+    np.testing.assert_allclose(compared, measured.harmonics[0, 1, points], atol=1e-4 * size)
+
+
+def test_the_motion_itself_is_left_as_it_is_by_effects_on_the_response(measured_and_motion):
+    measured, motion = measured_and_motion
+    np.testing.assert_array_equal(measured.peak, motion.peak)
+    others = [k for k in range(motion.harmonics.shape[1]) if k != 1]
+    np.testing.assert_array_equal(measured.harmonics[:, others], motion.harmonics[:, others])
+    np.testing.assert_array_equal(measured.branch.states, motion.branch.states)
 
 
 # --- what is refused, and the file
