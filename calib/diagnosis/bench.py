@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.swept_response import KnownSweeps, swept_curves
+from calib.dynamics.swept_response import NOT_PERIODIC, KnownSweeps, swept_curves
 from calib.execution.pool import Failure, in_order
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
@@ -188,12 +188,13 @@ class Bench:
         record, curves = swept_curves(model, values, reference.excitation, stepped, run.sweeps)
         prepared = PreparedResponse(reference, self.objective.terms)
         failure = prepared.failure(record)
-        if failure is not None:
+        if failure is not None and failure[0] != NOT_PERIODIC:
             return _failed(*failure)
         bodies = [str(body) for body in stepped.body.values]
-        read = read_at(record.sel(body=bodies), stepped)
+        read = np.full((1, 1), np.nan) if failure else read_at(record.sel(body=bodies), stepped)
         if not np.isfinite(read).all():
-            return _failed("not periodic", "a sweep meets frequencies at which the motion is not periodic")
+            reason = failure[1] if failure else "a sweep meets frequencies at which the motion is not periodic"
+            return SimulatedRows(np.zeros((0, 0)), np.zeros(0), wrong=reason)
         compared = prepared.compared(record)
         rows = np.array([compared[part].values[bodies.index(body)] for body, part in run.rows])
         return SimulatedRows(rows, compared["trust"].values, sweeps=curves, read=read)

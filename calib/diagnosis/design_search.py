@@ -214,8 +214,9 @@ class DesignSearch:
         measured = self.bench.objective.references[self.part.name].record
         views = self._simulated([made.centre(self.fits[0]) for made, _ in stepped])
         for (made, sweeps), view in zip(stepped, views, strict=True):
-            if view.usable:
-                read.append(replace(made, stepped=as_read(sweeps, view.read, measured)))
+            if view.usable and not view.wrong:
+                stepped_sine = as_read(sweeps, view.read, measured, self.part)
+                read.append(replace(made, stepped=stepped_sine, curves=view.sweeps))
             else:
                 status, reason = _status([view])
                 unreadable.append(_Evaluation(EvaluatedPoint(made.point, stage, status, reason), made))

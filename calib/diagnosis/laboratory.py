@@ -13,6 +13,7 @@ from calib.modelling.model import Model
 from calib.objective import Reference
 from calib.records import STATE
 from calib.records.excitation import Excitation
+from calib.records.response import sweeps
 
 STEADY_TONE, SWEEP, RECORDED_INPUT = "steady tone", "sweep", "recorded input"
 FREE_DECAY: Final = "free decay"
@@ -263,6 +264,8 @@ def inapplicable_tests(
     ----------
     part : record on which they are based
     """
+    if references[part.name].is_swept:  # they are searched beside records over time
+        return {}
     asked = [test for test in (SWEEP, FREE_DECAY) if laboratory.tests is None or test in laboratory.tests]
     reasons = {test: inapplicable(test, references[part.name], model) for test in asked}
     for test in asked:
@@ -291,7 +294,7 @@ def _region(test: str, laboratory: Laboratory, references: Mapping[str, Referenc
     """Design region of one kind of test; None where nothing bounds it."""
     excitation = references[part.name].excitation
     if test == STEPPED_SINE:
-        return _levels(laboratory, references, excitation)
+        return _levels(laboratory, references, references[part.name])
     if test == REPEATED_RECORD:
         return DesignRegion(DesignPoint(test, amplitude_of(excitation), excitation.frequency))
     if test == FREE_DECAY:
@@ -299,7 +302,7 @@ def _region(test: str, laboratory: Laboratory, references: Mapping[str, Referenc
         return None if release is None else DesignRegion(DesignPoint(test), (release,))
     if not amplitude_of(excitation):
         return None
-    similar = [r.excitation for r in references.values() if same_drive(r.excitation, excitation)]
+    similar = [r.excitation for r in alike(references, references[part.name]).values()]
     similar = [e for e in similar if (amplitude_of(e) or 0.0) > 0.0]
     amplitude = _variable("amplitude", excitation.unit, laboratory.amplitude, map(amplitude_of, similar))
     if not excitation.harmonic:
@@ -312,16 +315,24 @@ def _region(test: str, laboratory: Laboratory, references: Mapping[str, Referenc
     return DesignRegion(DesignPoint(test, frequency=frequency.low, end_frequency=frequency.high), (amplitude,))
 
 
-def _levels(laboratory: Laboratory, references: Mapping[str, Reference], excitation: Excitation) -> DesignRegion | None:
-    """Design region of a stepped sine over the frequencies of the responses; None without a response."""
-    responses = [r.record for r in references.values() if r.is_swept and same_drive(r.excitation, excitation)]
-    if not responses:
+def _levels(laboratory: Laboratory, references: Mapping[str, Reference], base: Reference) -> DesignRegion | None:
+    """Design region of a stepped sine over the frequencies of the responses; None beside a record over time."""
+    if not base.is_swept:
         return None
-    levels = [float(end) for own in responses for end in (own.level.min(), own.level.max())]
-    level = _variable("amplitude", str(responses[0].level.attrs["units"]), laboratory.amplitude, levels)
+    responses = [reference.record for reference in alike(references, base).values()]
+    levels = [float(own["level"].values[points].max()) for own in responses for _, points in sweeps(own)]
+    level = _variable("amplitude", base.excitation.unit, laboratory.amplitude, levels)
     ends = [float(end) for own in responses for end in (own.frequency.min(), own.frequency.max())]
     low, high = laboratory.frequency or (min(ends), max(ends))
     return DesignRegion(DesignPoint(STEPPED_SINE, frequency=low, end_frequency=high), (level,))
+
+
+def alike(references: Mapping[str, Reference], base: Reference) -> dict[str, Reference]:
+    """References with the kind of excitation of a record, over time or frequency responses as that is."""
+    return {
+        name: r for name, r in references.items()
+        if r.is_swept == base.is_swept and same_drive(r.excitation, base.excitation)
+    }  # fmt: skip
 
 
 def same_drive(one: Excitation, other: Excitation) -> bool:

@@ -3,19 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.design_search import DesignSearch
 from calib.diagnosis.laboratory import (
     DesignRegion,
     DesignVariable,
     Laboratory,
+    alike,
     amplitude_of,
     base_record,
     inapplicable_tests,
     regions,
-    same_drive,
 )
 from calib.diagnosis.measurement import EvaluatedPoint, Measurement
 from calib.diagnosis.part import Part
@@ -23,6 +21,7 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.separation import with_free_form, with_steps
 from calib.diagnosis.suspect import Refitted
 from calib.objective import Reference
+from calib.records.response import sweeps
 from calib.study import Pool
 
 MAX_MODELS = 4  # rival models that are compared  [count]
@@ -107,16 +106,13 @@ def _variables(searched: Mapping[str, DesignRegion]) -> tuple[DesignVariable, ..
 
 
 def _known(references: Mapping[str, Reference], part: Part) -> tuple[RecordedPoint, ...]:
-    """Existing records with the same kind of excitation, over time as the base is, or each level of responses."""
+    """Existing records with the same kind of excitation, over time as the base is, or each level of its responses."""
     base = references[part.name]
-    alike = {
-        name: r for name, r in references.items()
-        if r.is_swept == base.is_swept and same_drive(r.excitation, base.excitation)
-    }  # fmt: skip
     if base.is_swept:
-        levels = {name: np.unique(r.record["level"].values).tolist() for name, r in alike.items()}
-        return tuple(RecordedPoint(name, level, None) for name, own in levels.items() for level in own)
+        records = {name: reference.record for name, reference in alike(references, base).items()}
+        levels = {name: {float(r["level"].values[p].max()) for _, p in sweeps(r)} for name, r in records.items()}
+        return tuple(RecordedPoint(name, level, None) for name, own in levels.items() for level in sorted(own))
     return tuple(
         RecordedPoint(name, amplitude_of(r.excitation), r.excitation.frequency if r.excitation.harmonic else None)
-        for name, r in alike.items()
+        for name, r in alike(references, base).items()
     )

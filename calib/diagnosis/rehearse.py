@@ -156,7 +156,7 @@ class Stage:
         for part in self.evidence.parts:
             reference = known[part.name]
             if part.is_swept:
-                status, record = _swept(model, values, reference)
+                status, record = _swept(model, values, reference, part, rng)
             elif (status := shown[part.name].status) == OK:
                 record = _over_time(shown[part.name], reference, part)
             if status != OK:
@@ -169,13 +169,21 @@ class Stage:
         return Rehearsed(case, diagnosis.verdict, diagnosis.causes, diagnosis.classes)
 
 
-def _swept(model: Model, values: Mapping[str, float], reference: Reference) -> tuple[str, xr.Dataset]:
-    """Status of a simulated frequency response, and the measured one with what its sweeps would read."""
+def _swept(
+    model: Model, values: Mapping[str, float], reference: Reference, part: Part, rng: np.random.Generator
+) -> tuple[str, xr.Dataset]:
+    """Status of a simulated frequency response, and the measured one with what its sweeps would read.
+
+    Frequencies have as much noise, in standard uncertainties, as the parts: of a point it is known across the curve.
+    """
     measured = reference.record
+    level = np.sqrt(np.mean([noise.sigma**2 for noise in part.noise]))
+    off = level * tolerances(measured)[0] * rng.standard_normal(measured.sizes["point"])
     response = swept_response(model, values_for(values, reference.name), reference.excitation, measured)
     if response.attrs["status"] != OK:
         return str(response.attrs["status"]), measured
-    amplitude = read_at(response.sel(body=measured.body.values), measured)
+    driven = measured.assign(frequency=measured["frequency"] + xr.DataArray(off, dims="point"))
+    amplitude = read_at(response.sel(body=measured.body.values), driven)
     if not np.isfinite(amplitude).all():
         return "not periodic at every measured frequency", measured
     return OK, with_amplitude(measured, amplitude if has_phase(measured) else np.abs(amplitude) + 0.0j)
@@ -198,6 +206,8 @@ def _noisy(record: xr.Dataset, part: Part, rng: np.random.Generator) -> xr.Datas
         own = noisy[channel].values[bodies.index(body)]
         unit = tolerances(record)[1][bodies.index(body)] if part.is_swept else 1.0
         own += unit * noise.drawn(rng, own.size)
+        if part.is_swept and not has_phase(record):
+            np.abs(own, out=own)
     return noisy
 
 

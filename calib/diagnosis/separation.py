@@ -32,6 +32,7 @@ from calib.diagnosis.laboratory import (
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.part import Part
 from calib.diagnosis.stepped_design import unread_sweeps
+from calib.dynamics.swept_response import KnownSweeps
 from calib.records import STATE
 from calib.records.excitation import Excitation
 
@@ -55,6 +56,7 @@ class Experiment:
     initial : initial state, by parameter: a nuisance that its record has to determine  [SI]
     initial_steps : differences by these  [SI]
     stepped : sweeps of a stepped sine, with what is read once that is known; None of another test
+    curves : of the model that says what is read, beside which those of others are sought
     """
 
     point: DesignPoint
@@ -64,6 +66,7 @@ class Experiment:
     initial: Mapping[str, float] = field(default_factory=dict)
     initial_steps: tuple[float, ...] = ()
     stepped: xr.Dataset | None = None
+    curves: KnownSweeps = field(default_factory=dict)
 
     def centre(self, fit: Fit) -> Run:
         """Simulation of a fitted model; a steady tone starts from the record's stationary motion."""
@@ -97,7 +100,7 @@ class Experiment:
         values = {name: value for name, value in values.items() if name not in own}
         run = Run(self.part.name, {**values, **initial}, fit.point.effects, rows=self.rows)
         if self.stepped is not None:
-            return replace(run, stepped=self.stepped, sweeps={} if near is None else near.sweeps)
+            return replace(run, stepped=self.stepped, sweeps=self.curves if near is None else near.sweeps)
         state = near.state if near is not None and self.excitation.harmonic else None
         return replace(run, state=state, excitation=self.excitation)
 
@@ -338,7 +341,10 @@ def new_part(made: Experiment, centres: Sequence[SimulatedRows]) -> Part:
 
 
 def _stepped_part(part: Part, stepped: xr.Dataset, rows: np.ndarray) -> Part:
-    """Record that a stepped sine would give: of rows (row, n) in its standard uncertainties, which know their size."""
+    """Record that a stepped sine would give, of rows (row, n) in its standard uncertainties.
+
+    How these grow with the amplitude is known to `as_read`.
+    """
     noise = tuple(replace(own, profile=1.0) for own in part.noise)
     weight = np.ones(rows.shape) * part.used.any(axis=1, keepdims=True)
     time, sweep = np.arange(float(rows.shape[1])), stepped["sweep"].values

@@ -2,46 +2,71 @@
 
 import numpy as np
 import xarray as xr
+from scipy.optimize import nnls
 
 from calib.diagnosis.laboratory import DesignPoint
+from calib.diagnosis.part import Part
+from calib.dynamics.swept_response import level_over_frequency
 from calib.records.response import complex_amplitude, has_phase, make_response, sweeps, tolerances, with_amplitude
 
 
 def unread_sweeps(point: DesignPoint, measured: xr.Dataset) -> xr.Dataset:
-    """Sweeps at one level, in each direction and with as many points as a measured response has; nothing is read yet.
+    """Sweeps in each direction and with as many points as a measured response has at a level; nothing is read yet.
+
+    Their level goes over the frequency as that of the sweep of the largest one, as where the acceleration of a base
+    was held.
 
     Parameters
     ----------
-    point : level, first and last frequency
+    point : largest level, first and last frequency
     """
-    count = max(points.size for _, points in sweeps(measured))
-    attrs = {key: own for key, own in measured.attrs.items() if key not in ("kind", "status")}
+    known, level = measured["frequency"].values, measured["level"].values
+    at_a_level = max(np.unique(known[level == own]).size for own in np.unique(level))
+    count = max(at_a_level, *(points.size for _, points in sweeps(measured)))
     upwards = np.linspace(point.setting("frequency"), point.setting("end_frequency"), count)
     directions = sorted({float(way) for way in measured["direction"].values}, reverse=True)
     frequency = np.concatenate([upwards[:: int(way)] for way in directions])
+    largest = _largest(measured)
+    shape = level_over_frequency(known[largest], level[largest])
+    levels = np.array([shape(own) for own in frequency.tolist()])
     return make_response(
         frequency, [str(body) for body in measured.body.values],
-        np.ones((measured.sizes["body"], frequency.size)), point.setting("amplitude"),
+        np.ones((measured.sizes["body"], frequency.size)), point.setting("amplitude") * levels / levels.max(),
         str(measured["level"].attrs["units"]), np.repeat(np.arange(float(len(directions))), count),
-        np.repeat(directions, count), **attrs,
-    )  # fmt: skip
+        np.repeat(directions, count),
+    ).assign_attrs({**measured.attrs, "status": "ok"})  # fmt: skip
 
 
-def as_read(unread: xr.Dataset, amplitude: np.ndarray, measured: xr.Dataset) -> xr.Dataset:
-    """Sweeps with the complex amplitudes (body, point) [m] that they would read, uncertain as a measured response is.
+def as_read(unread: xr.Dataset, amplitude: np.ndarray, measured: xr.Dataset, part: Part) -> xr.Dataset:
+    """Sweeps with the complex amplitudes (body, point) [m] that they would read, uncertain as the measured ones are.
 
-    In proportion to the motion: each body's standard uncertainty has the ratio to its rms amplitude that it has there.
+    The variance of the sweep of the largest level is a^2 + b^2 |H|^2 (variance function); a is taken in proportion to
+    the rms amplitude.
+
+    Parameters
+    ----------
+    part : of the measured response, whose noise may grow with the amplitude
     """
     amplitude = amplitude if has_phase(measured) else np.abs(amplitude) + 0.0j
     of_frequency, of_parts = tolerances(measured)
-    shares = _rms(of_parts) / np.maximum(_rms(complex_amplitude(measured)), np.finfo(float).tiny)
-    sigma = np.maximum(shares * _rms(amplitude), np.finfo(float).tiny)
+    own, size, sigma = _largest(measured), np.abs(complex_amplitude(measured)), np.empty(amplitude.shape)
+    for k, body in enumerate(str(body) for body in measured.body.values):
+        rows = zip(part.rows, part.noise, strict=True)
+        growth = [np.asarray(noise.profile) ** 2 for (name, _), noise in rows if name == body]
+        variance = of_parts[k] ** 2 * (np.mean(growth, axis=0) if growth else 1.0)
+        terms = np.column_stack([np.full(own.size, np.mean(size[k, own] ** 2)), size[k, own] ** 2])
+        shares, _ = nnls(terms / variance[own, None], np.ones(own.size))
+        reached = np.abs(amplitude[k]) ** 2
+        sigma[k] = np.sqrt(shares[0] * reached.mean() + shares[1] * reached)
+    sigma = np.maximum(sigma, np.finfo(float).tiny)
     return with_amplitude(unread, amplitude).assign(
-        response_sigma=(("body", "point"), np.repeat(sigma, amplitude.shape[1], axis=1), {"units": "m"}),
+        response_sigma=(("body", "point"), sigma, {"units": "m"}),
         frequency_sigma=("point", np.full(amplitude.shape[1], of_frequency.mean()), {"units": "Hz"}),
     )
 
 
-def _rms(rows: np.ndarray) -> np.ndarray:
-    """Root mean square (body, 1) of rows (body, point)."""
-    return np.asarray(np.sqrt(np.mean(np.abs(rows) ** 2, axis=1, keepdims=True)))
+def _largest(measured: xr.Dataset) -> np.ndarray:
+    """Places of the points of the sweep with the largest level, of more than one point where there is such a sweep."""
+    own = [points for _, points in sweeps(measured)]
+    own = [points for points in own if points.size > 1] or [np.arange(measured.sizes["point"])]
+    return max(own, key=lambda points: float(measured["level"].values[points].max()))

@@ -47,6 +47,8 @@ MIN_SWEEP_STEP = 0.002  # between two frequencies, over the window  [1]
 MAX_END_POINTS = 60  # one way of the curve on which the end of a stretch is found
 MAX_SWEEP_CORRECTIONS = 8  # Newton steps at one frequency
 
+NOT_PERIODIC = "not periodic"  # status of a response one of whose sweeps meets no periodic motion
+
 KnownSweeps = Mapping[float, SeriesStretch]  # by the number of the sweep
 
 
@@ -126,7 +128,7 @@ def swept_curves(
         level = level_over_frequency(frequency[points], levels[points])
         path = _path(setting, level, _stops(frequency[points], direction), known.get(sweep))
         if path.reason:
-            return failed(bodies, "not periodic", f"sweep {sweep:g}: {path.reason}"), {}
+            return failed(bodies, NOT_PERIODIC, f"sweep {sweep:g}: {path.reason}"), {}
         if len(path.pieces) == 1 and isinstance(path.pieces[0], SeriesStretch):
             curves[sweep] = path.pieces[0]
         jumps += [f"sweep {sweep:g}: {kind} at {at:.9g} Hz" for kind, at in path.jumps]

@@ -10,9 +10,11 @@ from typing import Any, Protocol, Self
 
 from calib.errors import CalibError, CodeChanged
 
-MAX_EXCEPTION_CHARACTERS = 240  # of an exception, in the reason of a call that raised it
-NOT_AUTHORED = (  # folders of what a study's author has not written: the interpreter, what is installed, and calib
-    *(sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib")),
+MAX_EXCEPTION_CHARACTERS = 380  # of an exception with its place, less than a trial's reason holds
+MIN_MESSAGE_CHARACTERS = 120  # of its message, whatever the place
+INSTALLED = frozenset(("site-packages", "dist-packages"))  # folders that hold libraries
+NOT_AUTHORED = (  # beginnings of the paths of the interpreter and of calib
+    *(sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib")),
     os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep,
     "<frozen ",
 )
@@ -84,16 +86,22 @@ def failure(error: BaseException, seconds: float) -> Failure:
     """Return what an exception of a call is to whoever asked for it, `seconds` after the call was handed out."""
     if isinstance(error, CalibError):
         return Failure(REFUSED, str(error), seconds)
-    message = f"{type(error).__name__}: {error}"
-    if len(message) > MAX_EXCEPTION_CHARACTERS:  # so that a reason that is cut still tells the place
-        message = f"{message[:MAX_EXCEPTION_CHARACTERS]} ..."
-    return Failure(RAISED, f"{message}{_place(traceback.extract_tb(error.__traceback__))}", seconds)
+    message, place = f"{type(error).__name__}: {error}", _place(traceback.extract_tb(error.__traceback__))
+    most = max(MIN_MESSAGE_CHARACTERS, MAX_EXCEPTION_CHARACTERS - len(place))
+    if len(message) > most:  # so that a reason that is cut still tells the place
+        message = f"{message[:most]} ..."
+    return Failure(RAISED, f"{message}{place}", seconds)
 
 
 def _place(frames: Sequence[traceback.FrameSummary]) -> str:
     """File, line and code of a study's author from which a library was called that raised, else where it was raised."""
-    authored = [frame for frame in frames if not frame.filename.startswith(NOT_AUTHORED)] or frames
+    authored = [frame for frame in frames if _is_authored(frame.filename)] or frames
     return f" ({authored[-1].filename}, line {authored[-1].lineno}: {authored[-1].line})" if authored else ""
+
+
+def _is_authored(path: str) -> bool:
+    """Whether a file is neither the interpreter's nor installed nor calib's."""
+    return not path.startswith(NOT_AUTHORED) and not INSTALLED & set(path.split(os.sep))
 
 
 class InProcess:

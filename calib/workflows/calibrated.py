@@ -24,5 +24,9 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
         )
     if not calibration.values:
         raise CalibError(f"no trial of the study in {folder} ended well: there are no values; see `calib status`")
-    read(folder, file.study.header.definition)  # refuses the trials of another study
+    try:
+        read(folder, file.study.header.definition)
+    except CalibError as error:
+        afresh = command_line("run", file.path, "--fresh")
+        raise CalibError(f"{error}\nto begin afresh is `{afresh}`") from error
     return {**file.study.space.fixed, **calibration.values}

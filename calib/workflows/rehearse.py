@@ -43,6 +43,7 @@ def rehearse_study(
     """
     file = load(path, jobs=jobs, out=out, pool=pool)
     folder = file.folder
+    values = calibrated_values(file, folder)
     ledger = folder / REHEARSAL
     if fresh:
         ledger.unlink(missing_ok=True)
@@ -54,7 +55,6 @@ def rehearse_study(
             lines.flush()
             on_case(number, of)
 
-        values = calibrated_values(file, folder)
         effects = file.suspects()
         return rehearse(
             file.study, file.others, values, effects, strengths=strengths, seeds=seeds, done=done, on_case=keep

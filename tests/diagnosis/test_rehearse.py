@@ -2,15 +2,29 @@
 
 import io
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from calib.cli.rehearse import show
 from calib.diagnosis import rehearse as room
+from calib.diagnosis.noise import RESIDUAL, Noise
+from calib.diagnosis.part import Part
 from calib.diagnosis.rehearse import NOTHING, RehearsalCase, Rehearsed, rates, rehearse, smallest
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF
+from calib.dynamics.swept_response import swept_response
+from calib.features.frequency_response import ResponseDistance
+from calib.modelling.model import Model
+from calib.objective import Reference, Term
+from calib.objective.prepared_response import PreparedResponse
+from calib.objective.stable_stretches import read_at
+from calib.records import OK
+from calib.records.excitation import Excitation
+from calib.records.response import complex_amplitude, make_response, tolerances, with_amplitude
+from calib.simulators.oscillator import Oscillator
 
 UNITS = {"c2": "1/m"}
 
@@ -84,3 +98,32 @@ def test_a_case_has_as_much_time_as_its_simulations_may_take(monkeypatch, timeou
     study = SimpleNamespace(timeout=timeout, evaluated_by=None, code=(), seed=1, without_search=lambda: None)
     rehearse(study, {}, {}, [], seeds=0)
     assert opened == [timeout, of_a_case]
+
+
+def test_a_rehearsed_response_has_the_noise_of_the_parts_on_flanks_too():
+    values, drive = (
+        {"mass": 1.0, "stiffness": 400.0, "damping": 1.0},
+        Excitation("mass", "force", frequency=2.8, amplitude=0.1),
+    )
+    frequency, rows = np.linspace(2.9, 3.5, 25), (("mass", "in_phase"), ("mass", "quadrature"))
+    wanted = make_response(frequency, ["mass"], np.ones((1, 25)), 0.1, "N", place="mass", quantity="force")
+    model = Model(Oscillator())
+    curve = swept_response(model, values, drive, wanted)
+    exact = with_amplitude(wanted, read_at(curve, wanted))
+    reference = Reference("sweep", exact, excitation=drive)
+    steep = np.abs(np.gradient(complex_amplitude(exact)[0], frequency)) * tolerances(exact)[0]
+    flank = np.flatnonzero(steep > tolerances(exact)[1][0])
+    assert 3 <= flank.size < 25
+    noise = (Noise(1.5, np.zeros(0), RESIDUAL),) * 2
+    zero = np.zeros((2, 25))
+    part = Part("sweep", rows, zero[0], zero, None, 1, (), noise, zero == 0.0, zero + 1.0, sweep=zero[0])
+    rng, left = np.random.default_rng(8), []
+    for _ in range(60):
+        status, read = room._swept(model, values, reference, part, rng)
+        assert status == OK
+        noisy = replace(reference, record=room._noisy(read, part, rng))
+        compared = PreparedResponse(noisy, [Term(ResponseDistance())]).compared(curve)
+        left.append([noisy.compared[name].values[0] - compared[name].values[0] for name in ("in_phase", "quadrature")])
+    variance = np.mean(np.square(left), axis=(0, 1)) / 1.5**2
+    assert variance[flank].mean() == pytest.approx(1.0, abs=0.2)
+    assert variance.mean() == pytest.approx(1.0, abs=0.1)

@@ -213,9 +213,14 @@ def test_values_that_were_found_for_other_records_are_not_diagnosed(tmp_path, fo
     shutil.copytree(folder, tmp_path / "changed")
     shutil.copy(folder / "later.nc", tmp_path / "changed" / "swept.nc")
     begun = []
-    with pytest.raises(CalibError, match=r"was made by another study:\n  records\.swept"):
+    with pytest.raises(CalibError, match=r"was made by another study:\n  records\.swept") as refusal:
         diagnose_study(tmp_path / "changed", on_stage=begun.append)
     assert not begun
+    assert f"`calib run {tmp_path / 'changed' / 'study.toml'} --fresh`" in str(refusal.value)
+    (tmp_path / "changed" / "out" / REHEARSAL).write_text("played")
+    with pytest.raises(CalibError, match="another study"):
+        rehearse_study(tmp_path / "changed", fresh=True)
+    assert (tmp_path / "changed" / "out" / REHEARSAL).read_text() == "played"
 
 
 def test_an_unknown_candidate_is_refused_with_its_line(tmp_path, folder):

@@ -104,7 +104,7 @@ def test_an_exception_is_reported_with_the_line_that_raised_it():
     ("how", "message", "code"),
     [
         ("raise in a library", "LinAlgError: Singular matrix", "np.linalg.solve(np.zeros((2, 2)), np.ones(2))"),
-        ("raise at length", "a be ... (", 'raise OverflowError("a beam too long, " * 100)'),
+        ("raise at length", " ... (", 'raise OverflowError("a beam too long, " * 100)'),
     ],
 )
 def test_the_line_told_is_that_of_the_study_s_author_whatever_the_message(how, message, code):
