@@ -284,7 +284,7 @@ def test_a_bench_that_cannot_be_is_refused_with_its_key(tmp_path, text, said):
 
 def test_a_bench_has_no_frequency_where_no_record_is_harmonic():
     record = Excitation("mass", "force", time=np.arange(9.0), value=np.ones(9))
-    references = {"swept": SimpleNamespace(excitation=record, use="calibrate")}
+    references = {"swept": SimpleNamespace(excitation=record, use="calibrate", is_swept=False)}
     found = dict(mistakes_of(Laboratory(frequency=(1.0, 2.0)), references, Model(Oscillator())))
     assert found == {"frequency": "no record has a harmonic excitation whose frequency could be changed; drop this key"}
 
