@@ -76,9 +76,9 @@ def late(response):
     return np.exp(-0.01j * np.pi * response.frequency.values) * complex_amplitude(response)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("change", "cause", "size"),
-    [(other_modes, "residual_compliance", -2.93e-3), pytest.param(late, "response_lag", 5e-3, marks=pytest.mark.slow)],
+    ("change", "cause", "size"), [(other_modes, "residual_compliance", -2.93e-3), (late, "response_lag", 5e-3)]
 )
 def test_what_a_measurement_adds_to_one_mode_is_named(tmp_path, change, cause, size):
     candidates = (*DAMPINGS, *STIFFNESSES, "residual_compliance", "response_lag")
@@ -117,13 +117,14 @@ def test_nothing_is_found_where_the_level_wanders_untold(tmp_path):
     assert said["verdict"] == "none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "others"),
     [
         ("coulomb_friction", STIFFNESSES),
-        pytest.param("quadratic_drag", STIFFNESSES, marks=pytest.mark.slow),
-        pytest.param("cubic_stiffness", DAMPINGS, marks=pytest.mark.slow),
-        pytest.param("softening", DAMPINGS, marks=pytest.mark.slow),
+        ("quadratic_drag", STIFFNESSES),
+        ("cubic_stiffness", DAMPINGS),
+        ("softening", DAMPINGS),
     ],
 )
 def test_a_force_unlike_every_candidate_is_no_noise_where_each_sweep_is_repeated(tmp_path, cause, others):
@@ -133,7 +134,8 @@ def test_a_force_unlike_every_candidate_is_no_noise_where_each_sweep_is_repeated
     assert "sweep to sweep" in noise
 
 
-@pytest.mark.parametrize("cause", ["coulomb_friction", pytest.param("quadratic_drag", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("cause", ["coulomb_friction", "quadratic_drag"])
 def test_damping_that_differs_from_level_to_level_is_no_noise(tmp_path, cause):
     _, said = diagnosed(cause, 1, tmp_path, candidates=STIFFNESSES)
     assert said["verdict"] == "unexplained"

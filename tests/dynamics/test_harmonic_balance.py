@@ -141,6 +141,7 @@ def test_motions_with_internal_states_are_those_of_shooting(name):
     np.testing.assert_allclose(np.abs(one.branch.multipliers[-1])[0], np.abs(cycle.multipliers).max(), atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_slider_whose_sliding_the_steps_do_not_resolve_is_left_to_shooting():
     held = setting(load("calib.effects", "backlash"), **WITH_STATES["backlash"] | {"backlash_force": 0.2})
     measured = make_response(np.array([2.9, 3.0]), ["mass"], np.ones((1, 2)), 0.6, "N")

@@ -51,6 +51,7 @@ def test_the_points_are_spread_evenly_over_the_part(turned):
     np.testing.assert_allclose(along.mean(axis=0), 0.0, atol=0.04)
 
 
+@pytest.mark.slow
 def test_all_points_with_their_weights_stand_for_the_whole_cube(turned):
     """A six-dimensional normal distribution, most of which is far from its centre: below the last level."""
     part = simulated(turned, 1 << 13, 3)
