@@ -156,12 +156,12 @@ class Bench:
         missing = [channel for _, channel in pairs if channel not in compared.variables]
         if missing:
             return _failed("no channel", f"the simulation has no {missing[0]}")
-        bodies = [str(body) for body in compared.body.values]
-        rows = np.array([compared[channel].values[bodies.index(body)] for body, channel in pairs])
+        rows = _rows(compared, pairs)
         if not np.isfinite(rows).all():
             return _failed("not finite", "the simulation holds NaN or infinity")
         start = run.start
         if slopes:
+            bodies = [str(body) for body in compared.body.values]
             changes = [[own[channel][bodies.index(body)] for body, channel in pairs] for own in slopes.values()]
             start = Start(initial_state(record), np.array(changes))
         first = measured and run.state is None and run.start is None and not run.sweeps
@@ -190,13 +190,12 @@ class Bench:
         failure = prepared.failure(record)
         if failure is not None and failure[0] != NOT_PERIODIC:
             return _failed(*failure)
-        bodies = [str(body) for body in stepped.body.values]
-        read = np.full((1, 1), np.nan) if failure else read_at(record.sel(body=bodies), stepped)
+        read = np.full((1, 1), np.nan) if failure else read_at(record.sel(body=stepped.body.values), stepped)
         if not np.isfinite(read).all():
             reason = failure[1] if failure else "a sweep meets frequencies at which the motion is not periodic"
             return SimulatedRows(np.zeros((0, 0)), np.zeros(0), wrong=reason)
         compared = prepared.compared(record)
-        rows = np.array([compared[part].values[bodies.index(body)] for body, part in run.rows])
+        rows = _rows(compared, run.rows or self.rows[run.record])
         return SimulatedRows(rows, compared["trust"].values, sweeps=curves, read=read)
 
     def _simulated(self, run: Run) -> tuple[xr.Dataset, Mapping[str, Mapping[str, np.ndarray]], KnownSweeps]:
@@ -228,6 +227,12 @@ class Bench:
             time = reference.record.time.values
             request = replace(request, times=time - time[0])
         return request
+
+
+def _rows(record: xr.Dataset, pairs: Sequence[tuple[str, str]]) -> np.ndarray:
+    """Channels of bodies (row, n)."""
+    bodies = [str(body) for body in record.body.values]
+    return np.array([record[channel].values[bodies.index(body)] for body, channel in pairs])
 
 
 def _has(record: xr.Dataset, pairs: Sequence[tuple[str, str]]) -> bool:

@@ -315,10 +315,8 @@ def _region(test: str, laboratory: Laboratory, references: Mapping[str, Referenc
     return DesignRegion(DesignPoint(test, frequency=frequency.low, end_frequency=frequency.high), (amplitude,))
 
 
-def _levels(laboratory: Laboratory, references: Mapping[str, Reference], base: Reference) -> DesignRegion | None:
-    """Design region of a stepped sine over the frequencies of the responses; None beside a record over time."""
-    if not base.is_swept:
-        return None
+def _levels(laboratory: Laboratory, references: Mapping[str, Reference], base: Reference) -> DesignRegion:
+    """Design region of a stepped sine over the frequencies of the responses, of which the base is one."""
     responses = [reference.record for reference in alike(references, base).values()]
     levels = [float(own["level"].values[points].max()) for own in responses for _, points in sweeps(own)]
     level = _variable("amplitude", base.excitation.unit, laboratory.amplitude, levels)

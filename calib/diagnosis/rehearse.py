@@ -20,16 +20,11 @@ from calib.diagnosis.preparation import NotDiagnosable, bench_of, prepared
 from calib.diagnosis.screening import screened
 from calib.diagnosis.suspect import Screened, Untestable, leading_variants
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, failures
-from calib.dynamics.swept_response import swept_response
 from calib.errors import CalibError
 from calib.execution.pool import Failure, InProcess
 from calib.execution.workers import workers
 from calib.modelling.effect import Effect
-from calib.modelling.model import Model
-from calib.modelling.parameter import values_for
 from calib.objective import Objective, Reference
-from calib.objective.stable_stretches import read_at
-from calib.records import OK
 from calib.records.response import has_phase, tolerances, with_amplitude
 from calib.study import CalibrationStudy, Pool
 
@@ -147,21 +142,16 @@ class Stage:
         effects = () if case.effect == NOTHING else (self.hidden[case.effect].effect,)
         values = {**self.values, **case.values}
         known = {**self.study.objective.references, **self.others}
-        over_time = [part.name for part in self.evidence.parts if not part.is_swept]
-        runs = [Run(name, values, effects) for name in over_time]
+        rng, parts = np.random.default_rng([case.seed, 7]), self.evidence.parts
+        driven = [_driven(known[part.name].record, part, rng) if part.is_swept else None for part in parts]
+        runs = [Run(p.name, values, effects, stepped=own) for p, own in zip(parts, driven, strict=True)]
         views = simulated(InProcess(bench_of(self.study, self.others)), runs)
-        shown = dict(zip(over_time, views, strict=True))
-        model, rng = self.study.model.extended(*effects), np.random.default_rng([case.seed, 7])
         made: dict[str, Reference] = {}
-        for part in self.evidence.parts:
+        for part, view in zip(parts, views, strict=True):
+            if not view.usable or (part.is_swept and view.wrong):
+                return Rehearsed(case, "failed", reason=f"{part.name}: {view.wrong if view.usable else view.status}")
             reference = known[part.name]
-            if part.is_swept:
-                status, record = _swept(model, values, reference, part, rng)
-            elif (status := shown[part.name].status) == OK:
-                record = _over_time(shown[part.name], reference, part)
-            if status != OK:
-                return Rehearsed(case, "failed", reason=f"{part.name}: {status}")
-            made[part.name] = replace(reference, record=_noisy(record, part, rng))
+            made[part.name] = replace(reference, record=_noisy(_simulated(view, reference.record, part), part, rng))
         scored = {name: reference for name, reference in made.items() if reference.use == "calibrate"}
         study = replace(self.study, objective=Objective(scored, self.study.objective.terms))
         others = {name: reference for name, reference in made.items() if reference.use != "calibrate"}
@@ -169,29 +159,21 @@ class Stage:
         return Rehearsed(case, diagnosis.verdict, diagnosis.causes, diagnosis.classes)
 
 
-def _swept(
-    model: Model, values: Mapping[str, float], reference: Reference, part: Part, rng: np.random.Generator
-) -> tuple[str, xr.Dataset]:
-    """Status of a simulated frequency response, and the measured one with what its sweeps would read.
+def _driven(measured: xr.Dataset, part: Part, rng: np.random.Generator) -> xr.Dataset:
+    """Return a frequency response whose frequencies are those that were driven, not those that were noted.
 
-    Frequencies have as much noise, in standard uncertainties, as the parts: of a point it is known across the curve.
+    They differ by as much noise, in standard uncertainties, as the parts have: of a point it is known across the curve.
     """
-    measured = reference.record
     level = np.sqrt(np.mean([noise.sigma**2 for noise in part.noise]))
     off = level * tolerances(measured)[0] * rng.standard_normal(measured.sizes["point"])
-    response = swept_response(model, values_for(values, reference.name), reference.excitation, measured)
-    if response.attrs["status"] != OK:
-        return str(response.attrs["status"]), measured
-    driven = measured.assign(frequency=measured["frequency"] + xr.DataArray(off, dims="point"))
-    amplitude = read_at(response.sel(body=measured.body.values), driven)
-    if not np.isfinite(amplitude).all():
-        return "not periodic at every measured frequency", measured
-    return OK, with_amplitude(measured, amplitude if has_phase(measured) else np.abs(amplitude) + 0.0j)
+    return measured.assign(frequency=measured["frequency"] + xr.DataArray(off, dims="point"))
 
 
-def _over_time(view: SimulatedRows, reference: Reference, part: Part) -> xr.Dataset:
-    """Return the measured record over time with simulated rows in the place of what was measured."""
-    record = reference.record.copy(deep=True)
+def _simulated(view: SimulatedRows, measured: xr.Dataset, part: Part) -> xr.Dataset:
+    """Return a record with what was simulated in the place of what was measured."""
+    if part.is_swept:
+        return with_amplitude(measured, view.read if has_phase(measured) else np.abs(view.read) + 0.0j)
+    record = measured.copy(deep=True)
     bodies = [str(body) for body in record.body.values]
     for (body, channel), row in zip(part.rows, view.rows, strict=True):
         record[channel].values[bodies.index(body)] = row

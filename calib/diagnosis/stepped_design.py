@@ -66,7 +66,7 @@ def as_read(unread: xr.Dataset, amplitude: np.ndarray, measured: xr.Dataset, par
 
 
 def _largest(measured: xr.Dataset) -> np.ndarray:
-    """Places of the points of the sweep with the largest level, of more than one point where there is such a sweep."""
+    """Places (k,) of the points of the sweep with the largest level, one of several points where there is one."""
     own = [points for _, points in sweeps(measured)]
     own = [points for points in own if points.size > 1] or [np.arange(measured.sizes["point"])]
     return max(own, key=lambda points: float(measured["level"].values[points].max()))

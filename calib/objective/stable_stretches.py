@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from calib.records.response import complex_amplitude, sweeps
 
@@ -41,7 +41,7 @@ class StableStretch(NamedTuple):
             order = np.argsort(own)
             row = np.array([np.interp(frequency, own[order], column[order]) for column in self.points.T])
         else:
-            roots = CubicSpline(self.along, own).solve(frequency, extrapolate=False)
+            roots = PPoly(self.spline.c[..., 0], self.spline.x).solve(frequency, extrapolate=False)
             row = self.spline(roots[-1]) if roots.size else self.points[int(np.argmin(np.abs(own - frequency)))]
         bodies = (row.size - 1) // 2
         return np.asarray(row[1 : 1 + bodies] + 1j * row[1 + bodies :])

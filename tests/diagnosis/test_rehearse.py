@@ -11,6 +11,7 @@ from rich.console import Console
 
 from calib.cli.rehearse import show
 from calib.diagnosis import rehearse as room
+from calib.diagnosis.bench import Bench, Run
 from calib.diagnosis.noise import RESIDUAL, Noise
 from calib.diagnosis.part import Part
 from calib.diagnosis.rehearse import NOTHING, RehearsalCase, Rehearsed, rates, rehearse, smallest
@@ -18,10 +19,9 @@ from calib.diagnosis.verdict import NAMED, NONE, ONE_OF
 from calib.dynamics.swept_response import swept_response
 from calib.features.frequency_response import ResponseDistance
 from calib.modelling.model import Model
-from calib.objective import Reference, Term
+from calib.objective import Objective, Reference, Term
 from calib.objective.prepared_response import PreparedResponse
 from calib.objective.stable_stretches import read_at
-from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.records.response import complex_amplitude, make_response, tolerances, with_amplitude
 from calib.simulators.oscillator import Oscillator
@@ -117,11 +117,11 @@ def test_a_rehearsed_response_has_the_noise_of_the_parts_on_flanks_too():
     noise = (Noise(1.5, np.zeros(0), RESIDUAL),) * 2
     zero = np.zeros((2, 25))
     part = Part("sweep", rows, zero[0], zero, None, 1, (), noise, zero == 0.0, zero + 1.0, sweep=zero[0])
+    bench = Bench(model, Objective({"sweep": reference}, [Term(ResponseDistance())]), {"sweep": rows})
     rng, left = np.random.default_rng(8), []
     for _ in range(60):
-        status, read = room._swept(model, values, reference, part, rng)
-        assert status == OK
-        noisy = replace(reference, record=room._noisy(read, part, rng))
+        view = bench(Run("sweep", values, stepped=room._driven(exact, part, rng)))
+        noisy = replace(reference, record=room._noisy(room._simulated(view, exact, part), part, rng))
         compared = PreparedResponse(noisy, [Term(ResponseDistance())]).compared(curve)
         left.append([noisy.compared[name].values[0] - compared[name].values[0] for name in ("in_phase", "quadrature")])
     variance = np.mean(np.square(left), axis=(0, 1)) / 1.5**2

@@ -31,6 +31,7 @@ from calib.study import CalibrationStudy
 
 MODEL = Model(load("calib.simulators", "oscillator")())
 FORCE = Excitation("mass", "force", frequency=5.0, amplitude=1.0)
+SHAKEN = Excitation("base", "base motion", frequency=5.0, amplitude=1e-3)
 SIGMA = 2e-4  # m
 WHITE = Noise(1.0, np.zeros(0), STATED)
 
@@ -146,28 +147,37 @@ def test_what_a_study_states_for_records_over_time_is_a_mistake_beside_sweeps():
     assert "only the level of a stepped sine is searched" in told["release"]
 
 
-@pytest.mark.parametrize("phases", ["known", pytest.param(UNKNOWN_PHASE, marks=pytest.mark.slow)])
-def test_two_springs_are_distinguished_at_a_higher_level_than_those_of_the_records(phases):
+@pytest.mark.parametrize(
+    ("phases", "drive"),
+    [
+        ("known", FORCE),
+        pytest.param(UNKNOWN_PHASE, FORCE, marks=pytest.mark.slow),
+        pytest.param("known", SHAKEN, marks=pytest.mark.slow),
+    ],
+)
+def test_two_springs_are_distinguished_at_a_higher_level_than_those_of_the_records(phases, drive):
     truth = {"mass": 1.0, "stiffness": 400.0, "damping": 1.0}
-    frequency, drive = np.linspace(2.8, 3.8, 21), Excitation("mass", "force", frequency=2.8, amplitude=0.1)
-    wanted = make_response(frequency, ["mass"], np.ones((1, 21)), 0.1, "N", place="mass", quantity="force")
+    frequency, stated = np.linspace(2.8, 3.8, 21), {"place": drive.place, "quantity": drive.quantity}
+    level = 0.1 if drive is FORCE else 2.5e-4 * (2.8 / frequency) ** 2  # of a held acceleration
+    largest = float(np.max(level))
+    wanted = make_response(frequency, ["mass"], np.ones((1, 21)), level, drive.unit, **stated)
     hidden = MODEL.extended(load("calib.effects", "cubic_stiffness"))
     amplitude = read_at(swept_response(hidden, {**truth, "k3": 5e5}, drive, wanted), wanted)
     sigma, rng = 0.01 * np.abs(amplitude).max(), np.random.default_rng(4)
     noisy = amplitude + sigma * (rng.standard_normal((2, 21)).T @ [1.0, 1j])
     noisy = noisy if phases == "known" else np.abs(noisy)
     measured = make_response(
-        frequency, ["mass"], noisy, 0.1, "N", sigma=np.full((1, 21), sigma), frequency_sigma=np.full(21, 1e-4),
-        phases=phases, place="mass", quantity="force",
+        frequency, ["mass"], noisy, level, drive.unit, sigma=np.full((1, 21), sigma),
+        frequency_sigma=np.full(21, 1e-4), phases=phases, **stated,
     )  # fmt: skip
     own = Objective({"low": Reference("low", measured, excitation=drive)}, [Term(ResponseDistance())])
     space = Space({"damping": Window(0.3, 3.0, "log"), "stiffness": Window(370.0, 430.0)}, {"mass": 1.0})
     study = CalibrationStudy("springs", MODEL, space, own, None, 9)
     springs = [load("calib.effects", name) for name in ("cubic_stiffness", "softening")]
-    laboratory = Laboratory(amplitude=(0.05, 0.4), simulations=150)
+    laboratory = Laboratory(amplitude=(0.5 * largest, 4.0 * largest), simulations=150)
     found = diagnose(study, {}, {**MODEL.nominal, **truth}, springs, seed=3, pool=InProcess, laboratory=laboratory)
     assert found.verdict == "one_of"
     [best] = found.design.measurements
-    assert (best.kind, best.point.amplitude > 0.1, best.distinguished) == (STEPPED_SINE, True, 1)
+    assert (best.kind, best.point.amplitude > largest, best.distinguished) == (STEPPED_SINE, True, 1)
     assert found.design.simulations <= 150
-    assert [(known.record, known.amplitude) for known in found.design.known] == [("low", 0.1)]
+    assert [(known.record, known.amplitude) for known in found.design.known] == [("low", largest)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.score import ScoreTest, Signature
+from calib.diagnosis.serialise import _unfitted
 from calib.diagnosis.suspect import Scored, Untestable, leading_variants
 
 CANDIDATE = SimpleNamespace(name="drag", free=("k",), form=("width",), null=np.array([2.0]))
@@ -19,6 +20,13 @@ FIT = SimpleNamespace(
     chi2=4.0,
     residual=np.ones(4),
 )
+
+
+def unknown(name):
+    raise KeyError(name)
+
+
+FAILED = SimpleNamespace(names=(), value=unknown, reason="its simulation fails at the start")
 
 
 def test_of_an_untestable_suspect_nothing_is_known():
@@ -66,12 +74,12 @@ def test_what_a_refit_leaves_widens_the_deviate_of_one_without_a_score_test():
     ],
 )
 def test_of_a_refit_that_could_not_begin_no_size_is_asked(screened, size):
-    def unknown(name):
-        raise KeyError(name)
-
-    failed = screened.refitted(SimpleNamespace(names=(), value=unknown, chi2=4.0, residual=np.ones(4)), 0.0)
+    failed = screened.refitted(FAILED, 0.0)
     assert failed.size == pytest.approx([size])
     assert failed.error.tolist() == screened.error.tolist()
+    assert _unfitted(failed) == "its simulation fails at the start"
+    assert not _unfitted(screened)
+    assert not _unfitted(screened.refitted(FIT, 36.0))
 
 
 def test_a_second_fit_replaces_the_first():

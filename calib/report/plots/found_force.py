@@ -102,9 +102,7 @@ def _maps(figure: Figure, axes: np.ndarray, function: FunctionResult, labels: Ma
     for own, value, label, norm, colours in drawn:
         mesh = own.pcolormesh(x, v, value.T, norm=norm, cmap=colours, shading="nearest", rasterized=True)
         beyond = (bool(np.nanmin(value) < norm.vmin), bool(np.nanmax(value) > norm.vmax))
-        bar = figure.colorbar(
-            mesh, ax=own, location="top", shrink=0.9, aspect=24, pad=0.02, extend=EXTENSIONS[beyond]
-        )  # fmt: skip
+        bar = figure.colorbar(mesh, ax=own, location="top", shrink=0.9, aspect=24, pad=0.02, extend=EXTENSIONS[beyond])
         bar.set_label(label)
         across, up = (f"{labels[a]} [{unit}]" for a, (_, unit) in zip(function.arguments, scales, strict=True))
         own.set(xlabel=across, ylabel=up)

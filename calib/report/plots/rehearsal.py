@@ -34,9 +34,7 @@ def rehearsal(played: Sequence[Rehearsed]) -> Figure:
         _cells(left, shares)
         left.set_xticks(range(len(answers)), [WORDS.get(answer, answer) for answer in answers], rotation=90)
         left.set_yticks(range(len(hidden)), hidden)
-        left.set(
-            xlabel="diagnosed effect", ylabel="hidden effect", title=f"Share of the diagnoses [%], {len(played)} cases"
-        )
+        left.set(xlabel="diagnosed effect [%]", ylabel=f"hidden effect\n({len(played)} cases)")
         named = np.full((len(hidden), len(strengths)), np.nan)
         for row in table:
             if row.hidden.strength in strengths and row.hidden.effect in hidden:
