@@ -2,9 +2,9 @@
 
     python studies/sloshing/forced.py
 
-The model is the extended study's, with the values that it was given there (README.md). Its response at each level is
-followed over the frequency; all that is free is one factor between the acceleration of the tank and the force on the
-liquid's centre of mass, common to the three levels.
+The models are those of the extended study and of study.higher_order.toml, with the values that they were given there
+(README.md). Their response at each level is followed over the frequency; all that is free is one factor between the
+acceleration of the tank and the force on the liquid's centre of mass, common to the three levels.
 """
 
 import os
@@ -25,11 +25,29 @@ from calib.records.excitation import Excitation
 from calib.report.plots.style import DPI, STYLE
 
 HERE = Path(__file__).parent
-VALUES = {"mass": 1.0, "stiffness": 61.05, "damping": 0.131, "k3": -3757.0}  # of the extended study, from the decays
+CUBIC, HIGHER = "cubic spring", "terms of higher order"
+EFFECTS = {
+    CUBIC: ("cubic_stiffness",),
+    HIGHER: ("cubic_stiffness", *(f"higher_order:{name}" for name in ("INERTIA", "AMPLITUDE_DAMPING", "FIFTH_POWER"))),
+}
+VALUES = {  # SI, from the decays
+    CUBIC: {"mass": 1.0, "stiffness": 61.05, "damping": 0.131, "k3": -3757.0},
+    HIGHER: {
+        "mass": 1.0,
+        "stiffness": 61.127,
+        "damping": 0.1260,
+        "k3": -2888.0,
+        "kv": -67.93,
+        "cx": 28.01,
+        "k5": 3.793e5,
+    },
+}
 NATURAL = 7.8  # rad/s: unit of the frequencies in the files
 LEVELS = (0.09, 0.17, 0.32)  # amplitudes of the tank's motion, in per cent of its width
 WINDOW = (0.90, 1.03)  # over the natural frequency
 LOW, HIGH = 0.32, 0.36  # factor between which the common one is sought
+UNSTABLE = (0, (2, 2))
+LINES: dict[str, dict] = {CUBIC: {"linewidth": 0.8, "linestyle": (0, (6, 2))}, HIGHER: {"linewidth": 1.5}}
 
 
 class Sweep(NamedTuple):
@@ -62,14 +80,14 @@ def measured(folder: Path) -> dict[float, Sweep]:
     return {level: Sweep(*np.loadtxt(folder / f"forced_{level}.txt", skiprows=1).T) for level in LEVELS}
 
 
-def predicted(factor: float, values: Mapping[str, float] = VALUES) -> FrequencyResponse:
-    """Responses at the three levels, of a force that is `factor` times the acceleration of the tank and the mass."""
-    effect = registered("calib.effects", "cubic_stiffness")
+def predicted(name: str, factor: float) -> FrequencyResponse:
+    """Responses of a model at the three levels; the force over the mass is `factor` times the tank's acceleration."""
+    effects = [registered("calib.effects", effect, HERE) for effect in EFFECTS[name]]
     simulator = registered("calib.simulators", "oscillator")()
     drive = Excitation("mass", "force", frequency=NATURAL / (2.0 * np.pi), amplitude=1.0)
     low, high = (share * NATURAL / (2.0 * np.pi) for share in WINDOW)
     return frequency_response(
-        Setting(Model(simulator, [effect]), drive, values), (low, high), [0.01 * level for level in LEVELS],
+        Setting(Model(simulator, effects), drive, VALUES[name]), (low, high), [0.01 * level for level in LEVELS],
         harmonics=1, amplitude=lambda level, frequency: factor * level * (2.0 * np.pi * frequency) ** 2,
     )  # fmt: skip
 
@@ -109,16 +127,16 @@ def compared(response: FrequencyResponse, sweeps: Mapping[float, Sweep]) -> list
     return rows
 
 
-def fitted(sweeps: Mapping[float, Sweep]) -> float:
-    """Return the common factor, by least squares of the amplitudes over the largest of each level."""
+def fitted(name: str, sweeps: Mapping[float, Sweep]) -> float:
+    """Return the common factor of a model, by least squares of the amplitudes over the largest of each level."""
 
     def misfit(factor: float) -> float:
-        return sum(row.amplitude_error**2 for row in compared(predicted(factor), sweeps))
+        return sum(row.amplitude_error**2 for row in compared(predicted(name, factor), sweeps))
 
     return float(minimize_scalar(misfit, bounds=(LOW, HIGH), method="bounded", options={"xatol": 1e-3}).x)
 
 
-def drawn(response: FrequencyResponse, sweeps: Mapping[float, Sweep]) -> Figure:
+def drawn(responses: Mapping[str, FrequencyResponse], sweeps: Mapping[float, Sweep]) -> Figure:
     """Draw measured points over predicted curves, amplitude above phase."""
     colours = ("#0072B2", "#E69F00", "#009E73")
     with mpl.rc_context(STYLE):
@@ -127,13 +145,16 @@ def drawn(response: FrequencyResponse, sweeps: Mapping[float, Sweep]) -> Figure:
         for (level, sweep), colour in zip(sweeps.items(), colours, strict=True):
             upper.plot(sweep.frequency, sweep.amplitude, "o", color=colour, markersize=4, label=f"{level} %, measured")
             lower.plot(sweep.frequency, sweep.phase, "o", color=colour, markersize=4)
-            for one in response.at(0.01 * level):
-                share, h = one.frequency * 2.0 * np.pi / NATURAL, one.harmonics[0, 1]
-                for axes, values in ((upper, 100.0 * abs(h)), (lower, np.degrees(np.angle(h)))):
-                    axes.plot(share, np.where(one.branch.stable, values, np.nan), color=colour, linewidth=1.4)
-                    axes.plot(share, values, color=colour, linewidth=0.8, linestyle=(0, (3, 2)))
-        upper.plot([], [], color="#333333", linewidth=1.4, label="predicted from the decays")
-        upper.plot([], [], color="#333333", linewidth=0.8, linestyle=(0, (3, 2)), label="unstable")
+            for name, response in responses.items():
+                for one in response.at(0.01 * level):
+                    share, h = one.frequency * 2.0 * np.pi / NATURAL, one.harmonics[0, 1]
+                    for axes, values in ((upper, 100.0 * abs(h)), (lower, np.degrees(np.angle(h)))):
+                        stable = np.where(one.branch.stable, values, np.nan)
+                        axes.plot(share, stable, color=colour, **LINES[name])
+                        axes.plot(share, values, color=colour, linewidth=0.7, linestyle=UNSTABLE)
+        for name, look in LINES.items():
+            upper.plot([], [], color="#333333", label=f"predicted, {name}", **look)
+        upper.plot([], [], color="#333333", linewidth=0.7, linestyle=UNSTABLE, label="unstable")
         upper.set_ylabel("Centre of mass [% of the width]")
         lower.set(xlabel="Frequency over the natural one [1]", ylabel="Phase [deg]", xlim=WINDOW)
         upper.legend(title="Tank moves by")
@@ -145,16 +166,21 @@ def main() -> None:
     if "CALIB_DATA" not in os.environ:
         raise SystemExit("set CALIB_DATA to the folder that holds sloshing/forced_0.09.txt and its siblings")
     sweeps = measured(Path(os.environ["CALIB_DATA"]) / "sloshing")
-    factor = fitted(sweeps)
-    response = predicted(factor)
-    print(f"factor {factor:.4f}, common to the levels")
-    for row in compared(response, sweeps):
-        (at, peak), (measured_at, measured_peak) = row.peak, row.measured_peak
-        print(
-            f"{row.level} %: largest {peak:.3f} % at {at:.4f}, measured {measured_peak:.3f} % at {measured_at:.4f}; "
-            f"rms of amplitude {100.0 * row.amplitude_error:.1f} % of the largest, of phase {row.phase_error:.1f} deg"
-        )
-    drawn(response, sweeps).savefig(HERE / "forced.png", dpi=DPI)
+    responses = {}
+    for name in EFFECTS:
+        factor = fitted(name, sweeps)
+        responses[name] = predicted(name, factor)
+        print(f"{name}: factor {factor:.4f}, common to the levels")
+        for row in compared(responses[name], sweeps):
+            peaks = ", ".join(
+                f"{kind} {size:.3f} % at {at:.4f}"
+                for kind, (at, size) in (("predicted", row.peak), ("measured", row.measured_peak))
+            )
+            print(
+                f"{row.level} %: largest {peaks}; rms of amplitude {100.0 * row.amplitude_error:.1f} % of the largest, "
+                f"of phase {row.phase_error:.1f} deg"
+            )
+    drawn(responses, sweeps).savefig(HERE / "forced.png", dpi=DPI)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A second cause beside cubic stiffness: each fitted to decays 1 and 3, and tried on decay 2.
+"""Terms beside cubic stiffness, alone and together: fitted to decays 1 and 3, and tried on decay 2.
 
     python studies/sloshing/second_cause.py
 
@@ -12,10 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib.modelling.effect import Effect
-from calib.modelling.laws import force
 from calib.modelling.model import Model
-from calib.modelling.parameter import Parameter
 from calib.objective import Objective, Reference
 from calib.objective.initial_state import initial_state
 from calib.plugins import load as registered
@@ -30,36 +27,12 @@ FITTED = {  # start and typical step of each parameter, SI
     "cx": (10.0, 30.0), "kv": (-50.0, 100.0),
 }  # fmt: skip
 HELD = {"mass": 1.0, "friction_slip": 0.005, "dahl_distance": 0.0145}  # kg, m/s, m
-
-
-@force
-def fifth_power(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
-    """Return the force per unit mass [m/s^2] at the displacement x [m]: -k5 x^5."""
-    return -p[0] * x * x * x * x * x
-
-
-@force
-def amplitude_damping(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
-    """Return the force per unit mass [m/s^2] at the displacement x [m] and the velocity v [m/s]: -cx x^2 v."""
-    return -p[0] * x * x * v
-
-
-@force
-def inertia(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
-    """Return the force per unit mass [m/s^2] at the displacement x [m] and the velocity v [m/s]: -kv x v^2."""
-    return -p[0] * x * v * v
-
-
-OWN = {
-    name: Effect(name, "force", law, (Parameter(parameter, unit, 0.0, equation, null=0.0),), equation, equation)
-    for name, law, parameter, unit, equation in (
-        ("fifth power of x", fifth_power, "k5", "1/(m^4 s^2)", "-k5 x^5"),
-        ("x^2 x'", amplitude_damping, "cx", "1/(m^2 s)", "-cx x^2 v"),
-        ("x x'^2", inertia, "kv", "1/m^2", "-kv x v^2"),
-    )
-}
-SECOND = (
-    "quadratic_drag", "coulomb_friction", "presliding", "softening", "quadratic_stiffness", *OWN,
+FIFTH_POWER, DAMPING, INERTIA = (f"higher_order:{name}" for name in ("FIFTH_POWER", "AMPLITUDE_DAMPING", "INERTIA"))
+BESIDE: tuple[tuple[str, ...], ...] = (
+    (), ("quadratic_drag",), ("coulomb_friction",), ("presliding",), ("softening",), ("quadratic_stiffness",),
+    (FIFTH_POWER,), (DAMPING,), (INERTIA,), ("softening", DAMPING), ("softening", FIFTH_POWER), ("softening", INERTIA),
+    ("softening", INERTIA, DAMPING), (FIFTH_POWER, DAMPING), (INERTIA, DAMPING), (INERTIA, FIFTH_POWER),
+    (INERTIA, DAMPING, FIFTH_POWER),
 )  # fmt: skip
 
 
@@ -101,7 +74,7 @@ def predicted(study: StudyFile, model: Model, values: dict, samples: int = DELAY
 
 def fitted(study: StudyFile, names: Sequence[str]) -> Fitted:
     """Least squares of the effects `names`, stiffness and damping on decays 1 and 3."""
-    effects = [replace(OWN.get(name) or registered("calib.effects", name), bodies=("mass",)) for name in names]
+    effects = [replace(registered("calib.effects", name, HERE), bodies=("mass",)) for name in names]
     model = Model(study.study.model.simulator, effects)
     own = [p.name for effect in effects for p in effect.parameters]
     held = {name: value for name, value in HELD.items() if name in own or name == "mass"}
@@ -131,11 +104,13 @@ def _residual(objective: Objective, references: dict[str, Reference], model: Mod
 def main() -> None:
     """Print the table of the README."""
     study = load(HERE / "study.toml")
-    print("second term | error, decays 1 and 3 | NMTE | of single samples")
-    for second in ((), *((name,) for name in SECOND)):
-        fit = fitted(study, ("cubic_stiffness", *second))
+    print("beside -k3 x^3 | error, decays 1 and 3 | NMTE | of single samples | the same, start from all of decay 2")
+    for names in BESIDE:
+        fit = fitted(study, ("cubic_stiffness", *names))
         observable, single = predicted(study, fit.model, fit.values)
-        print(f"{second[0] if second else 'none'} | {fit.error:.4f} | {observable:.4f} | {single:.4f}", flush=True)
+        _, settled = predicted(study, fit.model, fit.values, study.reference(TRIED).record.sizes["time"])
+        label = ", ".join(effect.equation for effect in fit.model.effects[1:]) or "nothing"
+        print(f"{label} | {fit.error:.4f} | {observable:.4f} | {single:.4f} | {settled:.4f}", flush=True)
 
 
 if __name__ == "__main__":
