@@ -21,6 +21,8 @@ FREQUENCIES = np.linspace(2.7, 4.0, 24)  # Hz
 CALIBRATED, HELD_OUT = (0.12, 0.25, 0.6), (0.4,)  # N
 STEPS_PER_PERIOD, MAX_PERIODS, MEASURED_PERIODS = 600, 800, 4
 CLOSED = 1e-6  # change of displacement and velocity over a period, over the largest that was reached
+BOUC_WEN_SHAPE = 0.3  # share of the loop that depends on the direction; exponent 2
+STRIBECK_RISE, BRISTLE = 0.6, 5e-4  # friction at rest over that of sliding, less 1; m
 
 Force = Callable[[float, float, float, float, float], tuple[float, float]]  # x, v, z, size, form -> force, rate of z
 
@@ -50,6 +52,28 @@ def _dahl(x: float, v: float, z: float, size: float, form: float) -> tuple[float
     return -size * z, (v - z * abs(v)) / form
 
 
+@njit
+def _square(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    return -size * x * x, 0.0
+
+
+@njit
+def _power(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    return -size * np.sign(v) * abs(v) ** form, 0.0
+
+
+@njit
+def _bouc_wen(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    turning = BOUC_WEN_SHAPE * (1.0 if v * z > 0.0 else -1.0) + 1.0 - BOUC_WEN_SHAPE
+    return -size * z, v / form * (1.0 - z * z * turning)
+
+
+@njit
+def _stribeck(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+    at_rest = 1.0 + STRIBECK_RISE * np.exp(-((v / form) ** 2))
+    return -size * z, (v - z * abs(v) / at_rest) / BRISTLE
+
+
 class Cause(NamedTuple):
     """A hidden force per unit mass.
 
@@ -73,6 +97,10 @@ CAUSES: Mapping[str, Cause] = {
     "quadratic_drag": Cause(_drag, (1.5, 6.0), (1.0, 1.0), ("quadratic_drag",)),
     "coulomb_friction": Cause(_coulomb, (0.02, 0.06), (2e-3, 4e-3), ("coulomb_friction",)),
     "presliding": Cause(_dahl, (0.05, 0.15), (2e-3, 8e-3), ("presliding",)),
+    "quadratic_stiffness": Cause(_square, (2e3, 4e3), (1.0, 1.0), ("quadratic_stiffness",)),
+    "power_law_damping": Cause(_power, (1.0, 4.0), (1.4, 3.0), ("power_law_damping",)),
+    "bouc_wen": Cause(_bouc_wen, (0.1, 0.3), (4e-3, 1e-2), ("bouc_wen",)),
+    "stribeck": Cause(_stribeck, (0.03, 0.08), (0.05, 0.2), ("stribeck",)),
 }
 
 
