@@ -13,10 +13,10 @@ from calib.cli.options import pool_table
 from calib.diagnosis.rehearse import NOTHING, RehearsalRates, Rehearsed, rates, smallest
 from calib.errors import CalibError
 from calib.execution.progress import Count
+from calib.report.formatting import quantity
 from calib.report.plots.rehearsal import rehearsal
 from calib.report.plots.style import DPI
 from calib.study_file import load
-from calib.units import shown
 from calib.workflows.rehearse import PICTURE, REHEARSAL, rehearse_study
 
 
@@ -78,4 +78,4 @@ def _from(row: RehearsalRates | None) -> str:
     name, value = next((n, v) for n, v in row.hidden.values.items() if v)
     strength = row.hidden.strength
     z = "" if math.isnan(strength) else f" (z = {strength:g})"
-    return f"{name} = {shown(value, row.hidden.units.get(name, ''))}{z}"
+    return f"{name} = {quantity(value, row.hidden.units.get(name))}{z}"

@@ -42,6 +42,9 @@ def test_a_refusal_tells_the_command_line_that_mends_it(tmp_path):
     assert refused.exit_code == 1
     told = re.search("calibrate first, with `(.*)`", refused.output)
     assert shlex.split(told[1]) == ["calib", "run", str(folder / "bench" / "study.toml")]
+    refused = runner.invoke(main, ["diagnose", str(folder / "bench"), "--out", str(tmp_path / "of June")])
+    told = re.search("calibrate first, with `(.*)`", refused.output)
+    assert shlex.split(told[1])[2:] == [str(folder / "bench" / "study.toml"), "--out", str(tmp_path / "of June")]
 
 
 def test_no_message_puts_a_path_behind_a_command_by_hand():

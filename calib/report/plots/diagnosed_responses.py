@@ -33,7 +33,7 @@ def response_residual_figure(motion: xr.Dataset, label: str = "") -> Figure | No
                 _residual(axes, motion, row, motion.measured.values[row] - motion[model].values[row])
             panels[0].set_ylabel(f"{body}: {channel.replace('_', ' ')}\n[standard uncertainties]")
         for axes, title in zip(grid[0], models.values(), strict=True):
-            axes.set_title(f"measured minus simulated: {title}")
+            axes.set_title(title)
         for axes in grid[-1]:
             axes.set_xlabel("Frequency of the excitation [Hz]")
         sweep_legend(figure, motion, Patch(color=NOISE, label="noise, ±2 standard deviations"))
