@@ -24,54 +24,69 @@ CLOSED = 1e-6  # change of displacement and velocity over a period, over the lar
 BOUC_WEN_SHAPE = 0.3  # share of the loop that depends on the direction; exponent 2
 STRIBECK_RISE, BRISTLE = 0.6, 5e-4  # friction at rest over that of sliding, less 1; m
 
-Force = Callable[[float, float, float, float, float], tuple[float, float]]  # x, v, z, size, form -> force, rate of z
+# x, v, internal states, size, form, rates of the states (written) -> force
+Force = Callable[[float, float, np.ndarray, float, float, np.ndarray], float]
 
 
 @njit
-def _cubic(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
-    return -size * x**3, 0.0
+def _cubic(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    return -size * x**3
 
 
 @njit
-def _odd_square(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
-    return size * x * abs(x), 0.0
+def _odd_square(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    return size * x * abs(x)
 
 
 @njit
-def _drag(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
-    return -size * v * abs(v), 0.0
+def _drag(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    return -size * v * abs(v)
 
 
 @njit
-def _coulomb(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
-    return -size * np.tanh(v / form), 0.0
+def _coulomb(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    return -size * np.tanh(v / form)
 
 
 @njit
-def _dahl(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
-    return -size * z, (v - z * abs(v)) / form
+def _dahl(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    dz[0] = (v - z[0] * abs(v)) / form
+    return -size * z[0]
 
 
 @njit
-def _square(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
-    return -size * x * x, 0.0
+def _square(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    return -size * x * x
 
 
 @njit
-def _power(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
-    return -size * np.sign(v) * abs(v) ** form, 0.0
+def _power(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    return -size * np.sign(v) * abs(v) ** form
 
 
 @njit
-def _bouc_wen(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
-    turning = BOUC_WEN_SHAPE * (1.0 if v * z > 0.0 else -1.0) + 1.0 - BOUC_WEN_SHAPE
-    return -size * z, v / form * (1.0 - z * z * turning)
+def _bouc_wen(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    turning = BOUC_WEN_SHAPE * (1.0 if v * z[0] > 0.0 else -1.0) + 1.0 - BOUC_WEN_SHAPE
+    dz[0] = v / form * (1.0 - z[0] * z[0] * turning)
+    return -size * z[0]
 
 
 @njit
-def _stribeck(x: float, v: float, z: float, size: float, form: float) -> tuple[float, float]:
+def _stribeck(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
     at_rest = 1.0 + STRIBECK_RISE * np.exp(-((v / form) ** 2))
-    return -size * z, (v - z * abs(v) / at_rest) / BRISTLE
+    dz[0] = (v - z[0] * abs(v) / at_rest) / BRISTLE
+    return -size * z[0]
+
+
+@njit
+def _iwan(x: float, v: float, z: np.ndarray, size: float, form: float, dz: np.ndarray) -> float:
+    """Sliders of one stiffness that slip at displacements spread evenly up to 2 form; `size` is their whole force."""
+    total = 0.0
+    for k in range(z.size):
+        limit = 2.0 * form * (k + 0.5) / z.size
+        total += z[k]
+        dz[k] = 0.0 if abs(z[k]) >= limit and v * z[k] > 0.0 else v
+    return -size * total / (z.size * form)
 
 
 class Cause(NamedTuple):
@@ -83,12 +98,14 @@ class Cause(NamedTuple):
     sizes : least and greatest, drawn on a logarithmic scale
     form : second parameter, drawn likewise
     accepted : effects that are the right answer
+    states : number of internal states
     """
 
     force: Force
     sizes: tuple[float, float]
     form: tuple[float, float]
     accepted: tuple[str, ...]
+    states: int = 1
 
 
 CAUSES: Mapping[str, Cause] = {
@@ -101,17 +118,18 @@ CAUSES: Mapping[str, Cause] = {
     "power_law_damping": Cause(_power, (1.0, 4.0), (1.4, 3.0), ("power_law_damping",)),
     "bouc_wen": Cause(_bouc_wen, (0.1, 0.3), (4e-3, 1e-2), ("bouc_wen",)),
     "stribeck": Cause(_stribeck, (0.03, 0.08), (0.05, 0.2), ("stribeck",)),
+    "iwan": Cause(_iwan, (0.3, 0.9), (4e-3, 1e-2), ("iwan",), states=20),
 }
 
 
 @njit
-def _stepped(force: Force, size: float, form: float, values: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _stepped(force: Force, states: int, size: float, form: float, values: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Complex amplitudes (n,) of displacement by a force level cos(2 pi f t) per frequency, in their order  [m].
 
     points : (n, 3) frequency, level, and factor on the stiffness
     """
     mass, damping, frequencies = values[0], values[2], points[:, 0]
-    y, found = np.zeros(3), np.zeros(frequencies.size, dtype=np.complex128)
+    y, found = np.zeros(2 + states), np.zeros(frequencies.size, dtype=np.complex128)
     for k in range(frequencies.size):
         omega = 2.0 * np.pi * frequencies[k]
         h = 2.0 * np.pi / omega / STEPS_PER_PERIOD
@@ -121,14 +139,13 @@ def _stepped(force: Force, size: float, form: float, values: np.ndarray, points:
             before, total = y.copy(), 0.0j
             for step in range(STEPS_PER_PERIOD):
                 total += y[0] * np.exp(-1j * omega * step * h) * 2.0 / STEPS_PER_PERIOD
-                slope, stages = np.zeros((4, 3)), y.copy()
+                slope, stages = np.zeros((4, y.size)), y.copy()
                 for stage in range(4):
-                    own, rate = force(stages[0], stages[1], stages[2], size, form)
+                    own = force(stages[0], stages[1], stages[2:], size, form, slope[stage, 2:])
                     part = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
                     drive = level * np.cos(omega * (step + part) * h)
                     slope[stage, 0] = stages[1]
                     slope[stage, 1] = (drive - stiffness * stages[0] - damping * stages[1]) / mass + own
-                    slope[stage, 2] = rate
                     if stage < 3:
                         stages = y + (1.0 if stage == 2 else 0.5) * h * slope[stage]
                 y = y + h / 6.0 * (slope[0] + 2.0 * slope[1] + 2.0 * slope[2] + slope[3])
@@ -161,14 +178,15 @@ def drawn(cause: str | None, seed: int) -> Truth:
 def record(truth: Truth, levels: Sequence[float], seed: int, laboratory: SteppedLaboratory = WHITE):
     """Response record of sweeps at these levels."""
     rng = np.random.default_rng([seed, len(levels), 23])
-    force = CAUSES[truth.cause or "cubic_stiffness"].force
+    cause = CAUSES[truth.cause or "cubic_stiffness"]
     ways = [(level, way) for level in levels for way in laboratory.directions]
     frequency = np.concatenate([FREQUENCIES[:: int(way)] for _, way in ways])
     level, direction = np.repeat(ways, FREQUENCIES.size, axis=0).T
     sweep = np.repeat(np.arange(float(len(ways))), FREQUENCIES.size)
     acting = laboratory.levels(level, rng)
     points = np.column_stack([frequency, acting, laboratory.stiffness(level.size, rng)])
-    own = [_stepped(force, truth.size, truth.form, truth.values, points[sweep == one]) for one in range(len(ways))]
+    given = truth.size, truth.form, truth.values
+    own = [_stepped(cause.force, cause.states, *given, points[sweep == one]) for one in range(len(ways))]
     rms = np.repeat([np.sqrt(np.mean(np.abs(one) ** 2)) for one in own], FREQUENCIES.size)
     amplitude, kept = laboratory.kept(laboratory.measured(np.concatenate(own), rms, rng), sweep, rng)
     told = acting if laboratory.trouble == "told level" else level
