@@ -1,6 +1,7 @@
 """Forced responses of the liquid, predicted from its decays: the tank is shaken at three levels.
 
     python studies/sloshing/forced.py
+    python studies/sloshing/forced.py docs/images/forced_responses.png    # and the picture
 
 The models are those of the extended study and of study.higher_order.toml, with the values that they were given there
 (README.md). Their response at each level is followed over the frequency; all that is free is one factor between the
@@ -8,6 +9,7 @@ acceleration of the tank and the force on the liquid's centre of mass, common to
 """
 
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -162,7 +164,7 @@ def drawn(responses: Mapping[str, FrequencyResponse], sweeps: Mapping[float, Swe
 
 
 def main() -> None:
-    """Print the comparison and write forced.png."""
+    """Print the comparison, and draw it where a file is given."""
     if "CALIB_DATA" not in os.environ:
         raise SystemExit("set CALIB_DATA to the folder that holds sloshing/forced_0.09.txt and its siblings")
     sweeps = measured(Path(os.environ["CALIB_DATA"]) / "sloshing")
@@ -180,7 +182,8 @@ def main() -> None:
                 f"{row.level} %: largest {peaks}; rms of amplitude {100.0 * row.amplitude_error:.1f} % of the largest, "
                 f"of phase {row.phase_error:.1f} deg"
             )
-    drawn(responses, sweeps).savefig(HERE / "forced.png", dpi=DPI)
+    for picture in sys.argv[1:2]:
+        drawn(responses, sweeps).savefig(picture, dpi=DPI)
 
 
 if __name__ == "__main__":
