@@ -92,7 +92,7 @@ def state_path(
         if period < PLAIN_PERIODS:
             start = end
             continue
-        _linearised(law, parameters, times, position, rate, steps, size, *path)
+        _linearised_by_state(law, parameters, times, position, rate, size, path.value, path.by_state)
         once = _once(path.by_state, step)
         start = start + np.linalg.pinv(np.eye(count) - once, rcond=NEUTRAL) @ (end - start)
     _linearised(law, parameters, times, position, rate, steps, size, *path)
@@ -197,6 +197,21 @@ def _marched(
                 break
         force(law, times[k], x[k], v[k], p, z, dz)
     return z[:count].copy()
+
+
+@njit(**COMPILED)
+def _linearised_by_state(
+    law: int, p: np.ndarray, times: np.ndarray, x: np.ndarray, v: np.ndarray, size: np.ndarray, path: np.ndarray,
+    by_state: np.ndarray,
+) -> None:  # fmt: skip
+    """Write the derivatives of the rates of the states by these alone, along their path."""
+    count = size.size
+    z, dz = np.zeros(STATES), np.zeros(STATES)
+    slope, of_force = np.zeros((count, count)), np.zeros(count)
+    for j in range(times.size):
+        z[:count] = path[:, j]
+        _rates_by_state(law, p, times[j], x[j], v[j], size, z, dz, slope, of_force)
+        by_state[:, :, j] = slope
 
 
 @njit(**COMPILED)
