@@ -46,7 +46,7 @@ def main():
     """Print a line for each case."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--cases", type=int, default=4, help="of each cause")
-    parser.add_argument("--causes", default=",".join(CAUSES), help="comma-separated; all of them unless told")
+    parser.add_argument("--causes", nargs="+", choices=CAUSES, default=list(CAUSES), help="all of them unless told")
     parser.add_argument("--nothing", type=int, default=4, help="cases without a cause")
     parser.add_argument("--first", type=int, default=0, help="seed of the first")
     parser.add_argument("--trouble", choices=("none", "all", *TROUBLES), default="none", help="of the laboratory")
@@ -54,12 +54,7 @@ def main():
     given = parser.parse_args()
     troubles = list(TROUBLES) if given.trouble == "all" else [None if given.trouble == "none" else given.trouble]
     wanted = [(None, seed, trouble) for seed in range(given.nothing) for trouble in troubles]
-    wanted += [
-        (cause, seed, trouble)
-        for seed in range(given.cases)
-        for cause in given.causes.split(",")
-        for trouble in troubles
-    ]
+    wanted += [(cause, seed, trouble) for seed in range(given.cases) for cause in given.causes for trouble in troubles]
     right = {"in the class": 0, "named alone": 0, "cases": 0, "nothing found": 0}
     for cause, seed, trouble in wanted:
         found = sought(cause, given.first + seed, trouble, given.jobs)

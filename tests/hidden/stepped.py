@@ -21,7 +21,7 @@ FREQUENCIES = np.linspace(2.7, 4.0, 24)  # Hz
 CALIBRATED, HELD_OUT = (0.12, 0.25, 0.6), (0.4,)  # N
 STEPS_PER_PERIOD, MAX_PERIODS, MEASURED_PERIODS = 600, 800, 4
 CLOSED = 1e-6  # change of displacement and velocity over a period, over the largest that was reached
-BOUC_WEN_SHAPE = 0.3  # share of the loop that depends on the direction; exponent 2
+BOUC_WEN_SHAPE = 0.6  # share of the loop that depends on the direction; exponent 2
 STRIBECK_RISE, BRISTLE = 0.6, 5e-4  # friction at rest over that of sliding, less 1; m
 
 # x, v, internal states, size, form, rates of the states (written) -> force
@@ -94,9 +94,11 @@ class Cause(NamedTuple):
 
     Attributes
     ----------
-    force : of displacement, velocity, internal state, size and form
-    sizes : least and greatest, drawn on a logarithmic scale
-    form : second parameter, drawn likewise
+    force : of displacement, velocity, internal states, size and form
+    sizes : least and greatest, drawn on a logarithmic scale, in the unit of the law: 1/(m^2 s^2) of the cubic spring,
+        1/(m s^2) of those of second order, 1/m of drag, m/s^2 of friction and of the power law at 1 m/s
+    form : second parameter, drawn likewise: m/s of Coulomb's and Stribeck's friction, m of Dahl's, Bouc and Wen's and
+        Iwan's, exponent of the power law, otherwise idle
     accepted : effects that are the right answer
     states : number of internal states
     """
@@ -115,10 +117,10 @@ CAUSES: Mapping[str, Cause] = {
     "coulomb_friction": Cause(_coulomb, (0.02, 0.06), (2e-3, 4e-3), ("coulomb_friction",)),
     "presliding": Cause(_dahl, (0.05, 0.15), (2e-3, 8e-3), ("presliding",)),
     "quadratic_stiffness": Cause(_square, (2e3, 4e3), (1.0, 1.0), ("quadratic_stiffness",)),
-    "power_law_damping": Cause(_power, (1.0, 4.0), (1.4, 3.0), ("power_law_damping",)),
+    "power_law_damping": Cause(_power, (1.0, 4.0), (2.5, 3.3), ("power_law_damping",)),
     "bouc_wen": Cause(_bouc_wen, (0.1, 0.3), (4e-3, 1e-2), ("bouc_wen",)),
     "stribeck": Cause(_stribeck, (0.03, 0.08), (0.05, 0.2), ("stribeck",)),
-    "iwan": Cause(_iwan, (0.3, 0.9), (4e-3, 1e-2), ("iwan",), states=20),
+    "iwan": Cause(_iwan, (0.15, 0.35), (7e-3, 1.2e-2), ("iwan",), states=20),
 }
 
 
