@@ -6,8 +6,8 @@ from pathlib import Path
 from calib.errors import CalibError
 from calib.store import read
 from calib.study import result
-from calib.study_file import StudyFile, results_folder
-from calib.workflows.command_line import command_line
+from calib.study_file import StudyFile
+from calib.workflows.command_line import calibrating
 
 
 def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
@@ -19,16 +19,13 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
     """
     calibration = result.read(folder)
     if calibration is None:
-        raise CalibError(f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `{_run(file, folder)}`")
+        raise CalibError(
+            f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `{calibrating(file.path, folder)}`"
+        )
     if not calibration.values:
         raise CalibError(f"no trial of the study in {folder} ended well: there are no values; see `calib status`")
     try:
         read(folder, file.study.header.definition)
     except CalibError as error:
-        raise CalibError(f"{error}\nto begin afresh is `{_run(file, folder, '--fresh')}`") from error
+        raise CalibError(f"{error}\nto begin afresh is `{calibrating(file.path, folder, '--fresh')}`") from error
     return {**file.study.space.fixed, **calibration.values}
-
-
-def _run(file: StudyFile, folder: Path, *flags: str) -> str:
-    """Command line that calibrates the study with its results in a folder."""
-    return command_line("run", file.path, *(() if folder == results_folder(file.path) else ("--out", folder)), *flags)

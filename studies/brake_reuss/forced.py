@@ -10,7 +10,8 @@ and z their internal states after CYCLES cycles; with `residual_compliance` r it
 displacement by all other modes. Mass, stiffness, damping and the parameters of a law are fitted by least squares to the
 complex force of the five levels of record `held`, each level over the rms of its force, with the measured F in r F; the
 seven other levels are predicted. The error of a level is the rms of predicted minus measured modulus over the rms
-of the measured one; that of all seven together is over the rms of all their forces.
+of the measured one; that of all seven together is over the rms of all their forces, to which the loud levels
+contribute most.
 """
 
 import sys
@@ -26,7 +27,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numba import njit
-from scipy.optimize import least_squares, minimize_scalar
+from scipy.optimize import least_squares
 
 from calib.dynamics.swept_response import swept_response
 from calib.modelling.effect import Effect
@@ -75,7 +76,6 @@ CHOICES = (
 )  # fmt: skip
 LOOKS: tuple[Any, Any] = ((0, (3, 2)), "-")  # of their lines
 DRAWN = ("linear", "power_law_damping + softening + cubic_stiffness + residual_compliance")
-MAX_SHIFT = 0.4  # of the resonance from test to test  [Hz]
 LEGEND_ROOM = 1.25  # height of an axis over that of its curves  [1]
 CALIBRATED = {  # of study.joint.toml, by `calib run`
     "mass": 1.88874, "stiffness": 482499.3, "damping": 2.89639, "power_damping": 228.7557, "power_exponent": 2.853276,
@@ -91,6 +91,14 @@ class Level:
     frequency: np.ndarray
     displacement: np.ndarray
     force: np.ndarray
+
+    @property
+    def resonance(self) -> float:
+        """Frequency at which the displacement lags by 90 degrees, linear between points  [Hz]."""
+        lag = -np.degrees(np.angle(self.displacement))
+        (after,) = np.flatnonzero((lag[:-1] < 90.0) & (lag[1:] >= 90.0)) + 1
+        around = slice(after - 1, after + 1)
+        return float(np.interp(90.0, lag[around], self.frequency[around]))
 
     @property
     def needed(self) -> np.ndarray:
@@ -131,16 +139,15 @@ class Fit:
     def error(self, level: Level, shift: float = 0.0) -> float:
         """Return the rms of the modulus of the force minus the measured one, over the rms of that  [1].
 
-        shift : by which the resonance was higher in the test of this level  [Hz]
+        shift : by which the resonance was higher in the test of this level than in those fitted  [Hz]
         """
         moved = replace(level, frequency=level.frequency - shift)
         return rms(np.abs(self.force(moved)) - level.force) / rms(level.force)
 
-    def shift(self, level: Level) -> float:
-        """Shift of the resonance [Hz], between tests, with which the error of a level is least."""
-        bounds = (-MAX_SHIFT, MAX_SHIFT)
-        found = minimize_scalar(lambda shift: self.error(level, shift), bounds=bounds, method="bounded")
-        return float(found.x)
+    def error_together(self, levels: Sequence[Level]) -> float:
+        """Return the same over the points of all `levels`  [1]."""
+        apart = [np.abs(self.force(level)) - level.force for level in levels]
+        return rms(np.concatenate(apart)) / rms(np.concatenate([level.force for level in levels]))
 
 
 @njit
@@ -287,19 +294,13 @@ def main() -> None:
     print(f"{'damping of a linear mode at each level [N s/m]':50}" + " ".join(
         f"{damping_alone(level):9.2f}" for level in shown
     ))  # fmt: skip
+    print(f"{'lag of 90 degrees at [Hz]':50}" + " ".join(f"{level.resonance:9.3f}" for level in shown))
     fits = {}
     for choice in (*CHOICES, "study.joint.toml"):
         names = [] if choice == "linear" else choice.split(" + ")
         fit = fits[choice] = fitted(names, measured["held"]) if choice in CHOICES else calibrated()
-        together = rms(np.concatenate([np.abs(fit.force(level)) - level.force for level in others]))
-        together /= rms(np.concatenate([level.force for level in others]))
         told = " ".join(f"{100.0 * fit.error(level):8.1f}%" for level in shown)
-        print(f"{choice:50}{told} {100.0 * together:8.1f}%")
-        if choice == DRAWN[1]:
-            shifts = [fit.shift(level) for level in shown]
-            print(f"{'    resonance higher by [Hz]':50}" + " ".join(f"{shift:9.3f}" for shift in shifts))
-            errors = [100.0 * fit.error(level, shift) for level, shift in zip(shown, shifts, strict=True)]
-            print(f"{'    error with that':50}" + " ".join(f"{error:8.1f}%" for error in errors))
+        print(f"{choice:50}{told} {100.0 * fit.error_together(others):8.1f}%")
         print("    " + ", ".join(f"{key} {value:.4g}" for key, value in fit.values.items()), flush=True)
     if "--draw" in sys.argv:
         drawn(measured, {name: fits[name] for name in DRAWN}).savefig(HERE / "forced.png", dpi=DPI)

@@ -2,14 +2,17 @@
 
     python studies/sloshing/forced.py
     python studies/sloshing/forced.py docs/images/forced_responses.png    # and the picture
+    python studies/sloshing/forced.py --of RESULT    # and how sure: result.json of study.higher_order.toml
 
 The models are those of the extended study and of study.higher_order.toml, with the values that they were given there
 (README.md). Their response at each level is followed over the frequency; all that is free is one factor between the
-acceleration of the tank and the force on the liquid's centre of mass, common to the three levels.
+acceleration of the tank and the force on the liquid's centre of mass, common to the three levels. Phases are relative
+to the displacement of the tank.
 """
 
+import argparse
+import json
 import os
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -82,14 +85,14 @@ def measured(folder: Path) -> dict[float, Sweep]:
     return {level: Sweep(*np.loadtxt(folder / f"forced_{level}.txt", skiprows=1).T) for level in LEVELS}
 
 
-def predicted(name: str, factor: float) -> FrequencyResponse:
+def predicted(name: str, factor: float, values: Mapping[str, float] | None = None) -> FrequencyResponse:
     """Responses of a model at the three levels; the force over the mass is `factor` times the tank's acceleration."""
     effects = [registered("calib.effects", effect, HERE) for effect in EFFECTS[name]]
     simulator = registered("calib.simulators", "oscillator")()
     drive = Excitation("mass", "force", frequency=NATURAL / (2.0 * np.pi), amplitude=1.0)
     low, high = (share * NATURAL / (2.0 * np.pi) for share in WINDOW)
     return frequency_response(
-        Setting(Model(simulator, effects), drive, VALUES[name]), (low, high), [0.01 * level for level in LEVELS],
+        Setting(Model(simulator, effects), drive, values or VALUES[name]), (low, high), [0.01 * own for own in LEVELS],
         harmonics=1, amplitude=lambda level, frequency: factor * level * (2.0 * np.pi * frequency) ** 2,
     )  # fmt: skip
 
@@ -129,13 +132,33 @@ def compared(response: FrequencyResponse, sweeps: Mapping[float, Sweep]) -> list
     return rows
 
 
-def fitted(name: str, sweeps: Mapping[float, Sweep]) -> float:
+def fitted(name: str, sweeps: Mapping[float, Sweep], values: Mapping[str, float] | None = None) -> float:
     """Return the common factor of a model, by least squares of the amplitudes over the largest of each level."""
 
     def misfit(factor: float) -> float:
-        return sum(row.amplitude_error**2 for row in compared(predicted(name, factor), sweeps))
+        return sum(row.amplitude_error**2 for row in compared(predicted(name, factor, values), sweeps))
 
     return float(minimize_scalar(misfit, bounds=(LOW, HIGH), method="bounded", options={"xatol": 1e-3}).x)
+
+
+def uncertainty(result: Path, sweeps: Mapping[float, Sweep]) -> dict[float, tuple[float, float]]:
+    """Two standard errors of the largest response by level: of its frequency over the natural one, and its size [%].
+
+    The covariance that `calib run` states is propagated to first order, the common factor fitted anew at each step.
+    """
+    confidence = json.loads(result.read_text())["confidence"]
+    names, slopes = confidence["correlation"]["names"], []
+    for name in names:
+        ends = []
+        for sign in (1.0, -1.0):
+            values = {**VALUES[HIGHER], name: VALUES[HIGHER][name] + sign * confidence["standard_error"][name]}
+            rows = compared(predicted(HIGHER, fitted(HIGHER, sweeps, values), values), sweeps)
+            ends.append([row.peak for row in rows])
+        slopes.append(0.5 * (np.array(ends[0]) - np.array(ends[1])))
+    whole = np.einsum("pls,pq,qls->ls", slopes, np.array(confidence["correlation"]["matrix"]), slopes)
+    return {
+        level: (float(2.0 * at), float(2.0 * size)) for level, (at, size) in zip(sweeps, np.sqrt(whole), strict=True)
+    }
 
 
 def drawn(responses: Mapping[str, FrequencyResponse], sweeps: Mapping[float, Sweep]) -> Figure:
@@ -153,7 +176,8 @@ def drawn(responses: Mapping[str, FrequencyResponse], sweeps: Mapping[float, Swe
                     for axes, values in ((upper, 100.0 * abs(h)), (lower, np.degrees(np.angle(h)))):
                         stable = np.where(one.branch.stable, values, np.nan)
                         axes.plot(share, stable, color=colour, **LINES[name])
-                        axes.plot(share, values, color=colour, linewidth=0.7, linestyle=UNSTABLE)
+                        unstable = np.where(one.branch.stable, np.nan, values)
+                        axes.plot(share, unstable, color=colour, linewidth=0.7, linestyle=UNSTABLE)
         for name, look in LINES.items():
             upper.plot([], [], color="#333333", label=f"predicted, {name}", **look)
         upper.plot([], [], color="#333333", linewidth=0.7, linestyle=UNSTABLE, label="unstable")
@@ -164,7 +188,11 @@ def drawn(responses: Mapping[str, FrequencyResponse], sweeps: Mapping[float, Swe
 
 
 def main() -> None:
-    """Print the comparison, and draw it where a file is given."""
+    """Print the comparison, and draw or work out what else is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("picture", nargs="?", help="file of the picture")
+    parser.add_argument("--of", type=Path, help="result.json of study.higher_order.toml: how sure its prediction is")
+    asked = parser.parse_args()
     if "CALIB_DATA" not in os.environ:
         raise SystemExit("set CALIB_DATA to the folder that holds sloshing/forced_0.09.txt and its siblings")
     sweeps = measured(Path(os.environ["CALIB_DATA"]) / "sloshing")
@@ -182,8 +210,11 @@ def main() -> None:
                 f"{row.level} %: largest {peaks}; rms of amplitude {100.0 * row.amplitude_error:.1f} % of the largest, "
                 f"of phase {row.phase_error:.1f} deg"
             )
-    for picture in sys.argv[1:2]:
-        drawn(responses, sweeps).savefig(picture, dpi=DPI)
+    if asked.picture:
+        drawn(responses, sweeps).savefig(asked.picture, dpi=DPI)
+    if asked.of:
+        for level, (at, size) in uncertainty(asked.of, sweeps).items():
+            print(f"{level} %: largest +- {size:.2f} % at +- {at:.4f}, two standard errors")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Terms of higher order of a sloshing liquid, in its displacement x and velocity v, for study.higher_order.toml.
 
-They are the terms of third order beside x^3: x v^2, as the inertia of the liquid has it in multimodal theory (Faltinsen
-& Timokha, Sloshing, 2009), and x^2 v, from which a decay cannot tell v^3; and of fifth order that of the spring.
+Beside x^3 there are at third order x v^2, as the inertia of the liquid has it in multimodal theory (Faltinsen &
+Timokha, Sloshing, 2009), and x^2 v, from whose damping a decay cannot tell that of v^3; of fifth order is the spring's.
 """
 
 import numpy as np

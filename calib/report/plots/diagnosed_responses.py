@@ -31,7 +31,7 @@ def response_residual_figure(motion: xr.Dataset, label: str = "") -> Figure | No
         for panels, (row, body, channel, _) in zip(grid, compared, strict=True):
             for axes, model in zip(panels, models, strict=True):
                 _residual(axes, motion, row, motion.measured.values[row] - motion[model].values[row])
-            panels[0].set_ylabel(f"{body}: {channel.replace('_', ' ')}\n[standard uncertainties]")
+            panels[0].set_ylabel(f"residual of {body}:\n{channel.replace('_', ' ')}\n[standard uncertainties]")
         for axes, title in zip(grid[0], models.values(), strict=True):
             axes.set_title(title)
         for axes in grid[-1]:

@@ -1,8 +1,9 @@
 """Terms beside cubic stiffness, alone and together: fitted to decays 1 and 3, and tried on decay 2.
 
-    python studies/sloshing/second_cause.py
+    python studies/sloshing/further_terms.py
 
-No part of the diagnosis, and no choice between models: decay 2 is only looked at.
+No part of the diagnosis. Values come from decays 1 and 3 alone; which terms study.higher_order.toml has was chosen by
+what they predict of decay 2.
 """
 
 from collections.abc import Sequence
@@ -104,12 +105,12 @@ def _residual(objective: Objective, references: dict[str, Reference], model: Mod
 def main() -> None:
     """Print the table of the README."""
     study = load(HERE / "study.toml")
-    print("beside -k3 x^3 | error, decays 1 and 3 | NMTE | of single samples | the same, start from all of decay 2")
+    print("beside cubic stiffness | error, decays 1 and 3 | NMTE | of single samples | that, start from all of decay 2")
     for names in BESIDE:
         fit = fitted(study, ("cubic_stiffness", *names))
         observable, single = predicted(study, fit.model, fit.values)
         _, settled = predicted(study, fit.model, fit.values, study.reference(TRIED).record.sizes["time"])
-        label = ", ".join(effect.equation for effect in fit.model.effects[1:]) or "nothing"
+        label = ", ".join(effect.name for effect in fit.model.effects[1:]) or "nothing"
         print(f"{label} | {fit.error:.4f} | {observable:.4f} | {single:.4f} | {settled:.4f}", flush=True)
 
 
