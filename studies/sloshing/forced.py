@@ -144,15 +144,17 @@ def fitted(name: str, sweeps: Mapping[float, Sweep], values: Mapping[str, float]
 def uncertainty(result: Path, sweeps: Mapping[float, Sweep]) -> dict[float, tuple[float, float]]:
     """Two standard errors of the largest response by level: of its frequency over the natural one, and its size [%].
 
-    The covariance that `calib run` states is propagated to first order, the common factor fitted anew at each step.
+    The covariance that `calib run` states is propagated to first order, with the factor fitted anew to the two weaker
+    levels: beside its last measured point the loudest jumps down, or not.
     """
+    weaker = {level: sweeps[level] for level in LEVELS[:2]}
     confidence = json.loads(result.read_text())["confidence"]
     names, slopes = confidence["correlation"]["names"], []
     for name in names:
         ends = []
         for sign in (1.0, -1.0):
             values = {**VALUES[HIGHER], name: VALUES[HIGHER][name] + sign * confidence["standard_error"][name]}
-            rows = compared(predicted(HIGHER, fitted(HIGHER, sweeps, values), values), sweeps)
+            rows = compared(predicted(HIGHER, fitted(HIGHER, weaker, values), values), sweeps)
             ends.append([row.peak for row in rows])
         slopes.append(0.5 * (np.array(ends[0]) - np.array(ends[1])))
     whole = np.einsum("pls,pq,qls->ls", slopes, np.array(confidence["correlation"]["matrix"]), slopes)
