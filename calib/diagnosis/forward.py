@@ -16,7 +16,7 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.rivals import rival_suspects, simplest, with_possible_causes
-from calib.diagnosis.search import Round, chi2_of_a_rival, search
+from calib.diagnosis.search import Round, chi2_of_a_rival, search, with_fitted_form
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, leading_variants
 
@@ -31,6 +31,10 @@ def forward(
             break
         on_stage(f"suspects {number + 1}")
         outcome, cause = _round(fitter, state, candidates, seed + number)
+        if cause is not None and state.causes and (general := _in_place_of_both(fitter, state, cause)) is not None:
+            state = replace(state, final=general.fit, causes=(*state.causes[:-1], (general, (general,))))
+            state = _reestimated(fitter, state)
+            continue
         state = replace(state, rounds=(*state.rounds, outcome))
         if cause is None:
             break
@@ -55,6 +59,30 @@ def _round(
     outcome = replace(outcome, prediction=made.prediction)
     reason = rejection(evidence, state.null, made, further=bool(state.causes))
     return (outcome.without_cause(reason), None) if reason else (outcome, replace(chosen, fit=extended))
+
+
+def _in_place_of_both(fitter: Fitter, state: StepwiseState, further: Refitted) -> Refitted | None:
+    """A suspect that contains the last cause and, with its form fitted, explains what that does with a further one.
+
+    What a law leaves that is tried with another form than its own would be taken for a further cause. None where none
+    has an AIC as low as both together.
+    """
+    last, null = state.causes[-1][0], state.null
+    wider = leading_variants(
+        s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and last.name in s.generalises
+    )
+    found: list[tuple[float, Refitted]] = []
+    for suspect in wider:
+        common = fitter.evidence.with_weights([s.fit.point.simulated for s in (suspect, further)])
+        before = null.chi2_over(common)
+        fit = fitter.fit(suspect.fit.point, suspect.fit.candidates)
+        if not fit.names:
+            continue
+        formed = with_fitted_form(fitter, suspect.refitted(fit, before - fit.chi2_over(common)), before, common)
+        both = before - further.fit.chi2_over(common) - last.aic_penalty - further.aic_penalty
+        found.append((formed.chi2_reduction - formed.aic_penalty - both, formed))
+    lead, best = max(found, key=lambda pair: pair[0], default=(-np.inf, further))
+    return replace(best, fit=fitter.with_derivatives(best.fit)) if lead >= 0.0 else None
 
 
 def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:

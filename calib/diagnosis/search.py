@@ -106,7 +106,7 @@ def search(
     if rivals:  # indistinguishable suspects and what they contain are compared again, each with its best-fitting form
         again = [*rivals, *special_cases(rivals, possible, suspects)]
         formed = list(
-            fitter.in_turn([partial(_with_fitted_form, suspect=s, before=before, common=common) for s in again])
+            fitter.in_turn([partial(with_fitted_form, suspect=s, before=before, common=common) for s in again])
         )
         own, special = formed[: len(rivals)], formed[len(rivals) :]
         kept = [*own, *not_refuted(fitter.evidence, own, special)]
@@ -335,7 +335,7 @@ def _trial_sizes(fitter: Fitter, base: Fit, suspect: Screened, least: float) -> 
     return [x for k, x in enumerate(starts) if not any(np.allclose(x, other) for other in (*known, *starts[:k]))]
 
 
-def _with_fitted_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:
+def with_fitted_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:
     """Return the suspect with its form fitted too, where that lowers its AIC.
 
     The form with which an effect is tried is a guess: the residual of a poor one would be taken for a further cause.

@@ -112,6 +112,16 @@ def test_friction_with_a_stiffness_is_not_taken_for_a_law_that_contains_it(tmp_p
 
 
 @pytest.mark.slow
+def test_a_power_of_the_velocity_is_not_taken_for_its_square_and_a_further_cause(tmp_path):
+    """Beside quadratic drag something remains, which dry friction would explain; the exponent alone does both."""
+    candidates = ("quadratic_drag", "power_law_damping", "coulomb_friction")
+    truth, said = diagnosed("power_law_damping", 300, tmp_path, candidates=candidates)
+    assert said["causes"] == ["power_law_damping"]
+    assert said["parameters"]["power_exponent"]["after"] == pytest.approx(truth.form, abs=0.4)
+    assert said["misfit"]["left"] < 2.0 * said["misfit"]["blur"]
+
+
+@pytest.mark.slow
 def test_nothing_is_found_where_the_level_wanders_untold(tmp_path):
     _, said = diagnosed(None, 53, tmp_path, SteppedLaboratory.drawn("level", 53))
     assert said["verdict"] == "none"
