@@ -17,7 +17,7 @@ from calib.records import STATE, prescribed
 from calib.study import result
 from calib.study_file import StudyFile
 from calib.units import shown, to_si
-from calib.workflows.command_line import calibrating
+from calib.workflows.calibrated import calibrating
 
 GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"
 

@@ -40,7 +40,7 @@ from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
 from calib.workflows import stored
 from calib.workflows.amplitudes import implausible_amplitudes
-from calib.workflows.command_line import calibrating
+from calib.workflows.calibrated import calibrating
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
 from calib.workflows.residual import residuals_beside_noise

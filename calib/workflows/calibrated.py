@@ -1,4 +1,4 @@
-"""The values that a calibration has found, from its files."""
+"""The values that a calibration has found, from its files, and the command that finds them."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 from calib.errors import CalibError
 from calib.store import read
 from calib.study import result
-from calib.study_file import StudyFile
-from calib.workflows.command_line import calibrating
+from calib.study_file import StudyFile, results_folder
+from calib.workflows.command_line import command_line
 
 
 def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
@@ -29,3 +29,8 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
     except CalibError as error:
         raise CalibError(f"{error}\nto begin afresh is `{calibrating(file.path, folder, '--fresh')}`") from error
     return {**file.study.space.fixed, **calibration.values}
+
+
+def calibrating(study: Path, folder: Path, *flags: str) -> str:
+    """Return the command line that calibrates a study file with its results in a folder, which is named if need be."""
+    return command_line("run", study, *(() if folder == results_folder(study) else ("--out", folder)), *flags)
