@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -17,6 +17,7 @@ from calib.cli.options import CauseSearch
 from calib.cli.status import folder_of
 from calib.diagnosis.document import DiagnosisResult, SuspectResult
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
+from calib.execution.pool import REFUSED
 from calib.execution.progress import LINE_INTERVAL
 from calib.report.formatting import distinguishing_digits, quantity
 from calib.report.pages.diagnosis.conclusion import REFITTED, left_out, proposal
@@ -106,6 +107,8 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
         console.print(f"sizes of causes fitted together: {escape('; '.join(joint))}", soft_wrap=True)
     if diagnosis.suspects:
         console.print(_suspects(diagnosis, console.width))
+    for line in _refused(diagnosis.suspects):
+        console.print(escape(line), soft_wrap=True)
     for line in (*left_out(diagnosis), *_gain(diagnosis), *disagreements(diagnosis), *moved_sizes(diagnosis)):
         console.print(line, soft_wrap=True)
     if diagnosis.verdict == ONE_OF and diagnosis.design is not None:
@@ -142,6 +145,16 @@ def _suspects(diagnosis: DiagnosisResult, width: int) -> Table:
         further = quantity(least, suspect.units[first], 2), f"{suspect.absorbed:.0%}"
         table.add_row(*row, *(further if wide else ()))
     return table
+
+
+def _refused(suspects: Sequence[SuspectResult]) -> list[str]:
+    """Suspects with which the simulator runs nothing, a line for each reason."""
+    names: dict[str, list[str]] = {}
+    for suspect in suspects:
+        status, _, reason = suspect.reason.partition(": ")
+        if status == REFUSED:
+            names.setdefault(reason, []).append(suspect.effect)
+    return [f"not tested: {', '.join(own)}; {reason}" for reason, own in names.items()]
 
 
 def _explains(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:

@@ -214,6 +214,16 @@ def test_a_separation_below_the_scale_is_marked_and_not_drawn_as_data():
     assert separation_text(0.03877) == "0.039"
 
 
+def test_the_terminal_says_which_suspects_the_simulator_refused_and_why(tmp_path):
+    said = document("one_of", VALUES)
+    for suspect in said["suspects"][:2]:
+        suspect["reason"] = "refused: 5 effects act at 'force', at most 4 can; drop some of them"
+    show(result(said), tmp_path, None, Console(file=(shown := io.StringIO()), width=200))
+    names = ", ".join(suspect["effect"] for suspect in said["suspects"][:2])
+    assert f"not tested: {names}; 5 effects act at 'force', at most 4 can; drop some of them" in shown.getvalue()
+    assert shown.getvalue().count("not tested: ") == 1
+
+
 def test_a_terminal_shows_the_best_measurement_and_the_best_z_of_each_kind(tmp_path):
     console = Console(file=io.StringIO(), width=200)
     show(result(document("one_of", VALUES)), tmp_path, None, console)
