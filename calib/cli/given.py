@@ -17,7 +17,7 @@ from calib.records import STATE, prescribed
 from calib.study import result
 from calib.study_file import StudyFile
 from calib.units import shown, to_si
-from calib.workflows.calibrated import calibrating
+from calib.workflows.calibrated import calibration_command
 
 GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"
 
@@ -79,7 +79,9 @@ def setting(
         folder = file.folder if out is None else out
         calibration = result.read(folder)
         if calibration is None or not calibration.values:
-            raise CalibError(f"--best: there is no result in {folder}; `{calibrating(file.path, folder)}` makes one")
+            raise CalibError(
+                f"--best: there is no result in {folder}; `{calibration_command(file.path, folder)}` makes one"
+            )
         values = calibration.values
     held = file.setting(values, record, phase)
     # after the record's own values have taken the place of general ones: what the user says comes before both

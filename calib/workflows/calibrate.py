@@ -40,7 +40,7 @@ from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
 from calib.workflows import stored
 from calib.workflows.amplitudes import implausible_amplitudes
-from calib.workflows.calibrated import calibrating
+from calib.workflows.calibrated import calibration_command
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
 from calib.workflows.residual import residuals_beside_noise
@@ -312,7 +312,7 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
     shown = replace(study, objective=Objective(known, study.objective.terms))
     findings = stored.stored_findings(folder)
     page = render(
-        shown, calibrated.trials, records, calibrated.result, calibrating(file.path, folder), calibrated.header,
+        shown, calibrated.trials, records, calibrated.result, calibration_command(file.path, folder), calibrated.header,
         findings.diagnosis, findings.motions, study.jobs, stored.base_study(file), findings.discovery,
         findings.confidence, findings.predictions, findings.window, findings.left_out,
     )  # fmt: skip

@@ -19,18 +19,19 @@ def calibrated_values(file: StudyFile, folder: Path) -> Mapping[str, float]:
     """
     calibration = result.read(folder)
     if calibration is None:
-        raise CalibError(
-            f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `{calibrating(file.path, folder)}`"
-        )
+        command = calibration_command(file.path, folder)
+        raise CalibError(f"there is no {result.FILE_NAME} in {folder}: calibrate first, with `{command}`")
     if not calibration.values:
         raise CalibError(f"no trial of the study in {folder} ended well: there are no values; see `calib status`")
     try:
         read(folder, file.study.header.definition)
     except CalibError as error:
-        raise CalibError(f"{error}\nto begin afresh is `{calibrating(file.path, folder, '--fresh')}`") from error
+        raise CalibError(
+            f"{error}\nto begin afresh is `{calibration_command(file.path, folder, '--fresh')}`"
+        ) from error
     return {**file.study.space.fixed, **calibration.values}
 
 
-def calibrating(study: Path, folder: Path, *flags: str) -> str:
+def calibration_command(study: Path, folder: Path, *flags: str) -> str:
     """Return the command line that calibrates a study file with its results in a folder, which is named if need be."""
     return command_line("run", study, *(() if folder == results_folder(study) else ("--out", folder)), *flags)

@@ -92,10 +92,11 @@ def state_path(
         if period < PLAIN_PERIODS:
             start = end
             continue
-        _linearised_by_state(law, parameters, times, position, rate, size, path.value, path.by_state)
+        _differentiate_by_state(law, parameters, times, position, rate, size, path.value, path.by_state, force_by_state)
         once = _once(path.by_state, step)
         start = start + np.linalg.pinv(np.eye(count) - once, rcond=NEUTRAL) @ (end - start)
-    _linearised(law, parameters, times, position, rate, steps, size, *path)
+    _differentiate_by_state(law, parameters, times, position, rate, size, path.value, path.by_state, force_by_state)
+    _differentiate_by_motion(law, parameters, times, position, rate, steps, value, rates, by_position, by_rate)
     moved, beside = START_PERTURBATION * size, np.empty((count, m))
     end_beside = _marched(law, parameters, times, position, rate, step, start + moved, size, beside)
     if (np.abs(end_beside - end - _once(path.by_state, step) @ moved) > MAX_MISSED * moved.max()).any():
@@ -200,11 +201,11 @@ def _marched(
 
 
 @njit(**COMPILED)
-def _linearised_by_state(
+def _differentiate_by_state(
     law: int, p: np.ndarray, times: np.ndarray, x: np.ndarray, v: np.ndarray, size: np.ndarray, path: np.ndarray,
-    by_state: np.ndarray,
+    by_state: np.ndarray, force_by_state: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the derivatives of the rates of the states by these alone, along their path."""
+    """Write the derivatives of the rates of the states and of the force by the states, along their path."""
     count = size.size
     z, dz = np.zeros(STATES), np.zeros(STATES)
     slope, of_force = np.zeros((count, count)), np.zeros(count)
@@ -212,18 +213,17 @@ def _linearised_by_state(
         z[:count] = path[:, j]
         _rates_by_state(law, p, times[j], x[j], v[j], size, z, dz, slope, of_force)
         by_state[:, :, j] = slope
+        force_by_state[:, j] = of_force
 
 
 @njit(**COMPILED)
-def _linearised(
+def _differentiate_by_motion(
     law: int, p: np.ndarray, times: np.ndarray, x: np.ndarray, v: np.ndarray, steps: tuple[float, float],
-    size: np.ndarray, path: np.ndarray, rate: np.ndarray, by_position: np.ndarray, by_rate: np.ndarray,
-    by_state: np.ndarray, force_by_state: np.ndarray,
+    path: np.ndarray, rate: np.ndarray, by_position: np.ndarray, by_rate: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the rates of the states along their path, and the derivatives of these and of the force."""
-    count = size.size
+    """Write the rates of the states along their path, and their derivatives by position and rate of the place."""
+    count = path.shape[0]
     z, dz = np.zeros(STATES), np.zeros(STATES)
-    slope, of_force = np.zeros((count, count)), np.zeros(count)
     for j in range(times.size):
         t = times[j]
         z[:count] = path[:, j]
@@ -237,9 +237,6 @@ def _linearised(
         by_rate[:, j] = dz[:count]
         force(law, t, x[j], v[j] - steps[1], p, z, dz)
         by_rate[:, j] = (by_rate[:, j] - dz[:count]) / (2.0 * steps[1])
-        _rates_by_state(law, p, t, x[j], v[j], size, z, dz, slope, of_force)
-        by_state[:, :, j] = slope
-        force_by_state[:, j] = of_force
 
 
 @njit(**COMPILED)
