@@ -32,8 +32,9 @@ def forward(
         on_stage(f"suspects {number + 1}")
         outcome, cause = _round(fitter, state, candidates, seed + number)
         if cause is not None and state.causes and (general := _in_place_of_both(fitter, state, cause)) is not None:
-            state = replace(state, final=general.fit, causes=(*state.causes[:-1], (general, (general,))))
-            state = _reestimated(fitter, state)
+            rounds = (*state.rounds[:-1], _with_form(fitter, state, general))
+            causes = (*state.causes[:-1], (general, (general,)))
+            state = _reestimated(fitter, replace(state, rounds=rounds, causes=causes, final=general.fit))
             continue
         state = replace(state, rounds=(*state.rounds, outcome))
         if cause is None:
@@ -83,6 +84,14 @@ def _in_place_of_both(fitter: Fitter, state: StepwiseState, further: Refitted) -
         found.append((formed.chi2_reduction - formed.aic_penalty - both, formed))
     lead, best = max(found, key=lambda pair: pair[0], default=(-np.inf, further))
     return replace(best, fit=fitter.with_derivatives(best.fit)) if lead >= 0.0 else None
+
+
+def _with_form(fitter: Fitter, state: StepwiseState, formed: Refitted) -> Round:
+    """Return the last search with a suspect in the form that was fitted since, its reduction in the noise of then."""
+    last = state.rounds[-1]
+    scale = last.excess_chi2_of_null / excess_chi2(fitter.evidence, state.null)
+    known = replace(formed, chi2_reduction=scale * formed.chi2_reduction)
+    return replace(last, suspects=tuple(known if s.name == formed.name else s for s in last.suspects))
 
 
 def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:

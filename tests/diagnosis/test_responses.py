@@ -118,6 +118,9 @@ def test_a_power_of_the_velocity_is_not_taken_for_its_square_and_a_further_cause
     truth, said = diagnosed("power_law_damping", 300, tmp_path, candidates=candidates)
     assert said["causes"] == ["power_law_damping"]
     assert said["parameters"]["power_exponent"]["after"] == pytest.approx(truth.form, abs=0.4)
+    [own] = [one for one in said["suspects"] if one["effect"] == "power_law_damping"]
+    assert own["held"]["power_exponent"] == pytest.approx(said["parameters"]["power_exponent"]["after"], rel=1e-3)
+    assert 0.98 < own["share"] < 1.02
     assert said["misfit"]["left"] < 2.0 * said["misfit"]["blur"]
 
 
