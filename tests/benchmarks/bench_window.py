@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from benchmarks.window_cases import CASES, DIM, WindowCase, sobol, true_share
+from benchmarks.window_cases import CASES, DIM, WindowCase, half_widths, sobol, true_share
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.gaussian_process import GaussianProcessClassifier
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
@@ -40,17 +40,14 @@ class WindowOutcome(NamedTuple):
     ----------
     misclassified : over the admissible volume  [1]
     interval : ends of the stated 95 % interval, over the true share  [1]; None where none is stated
+    half_widths : error of the stated share over the half of its interval on that side  [1]
     stated : expected misclassified volume over the stated share  [1]
     """
 
     misclassified: float
     interval: tuple[float, float] | None = None
+    half_widths: float = float("nan")
     stated: float = float("nan")
-
-    @property
-    def honest(self) -> bool:
-        """Whether the stated interval holds the true share."""
-        return self.interval is not None and self.interval[0] <= 1.0 <= self.interval[1]
 
 
 def misclassified(case: WindowCase, said: np.ndarray, points: np.ndarray) -> float:
@@ -72,7 +69,8 @@ def emulated_margins(case: WindowCase, seed: int, evaluations: list[int]) -> dic
             share = volume_share(region, sample, observed, seed)
             wrong = misclassified(case, region.probability(points) > 0.5, points)
             interval = share.low / truth, share.high / truth
-            found[number] = WindowOutcome(wrong, interval, share.misclassified / share.value)
+            stated = share.misclassified / share.value
+            found[number] = WindowOutcome(wrong, interval, half_widths(share, truth), stated)
         left = [end - number for end in evaluations if end > number]
         if not left:
             return found
@@ -138,7 +136,7 @@ def print_outcomes(case: WindowCase, method: str, seeds: range, evaluations: lis
         line = f"{case.name:8} {method:20} {number:5}: {np.median(wrong):.1%}, at most {wrong.max():.1%}"
         if own[0].interval is not None:
             line += f", stated {np.median([one.stated for one in own]):.1%}"
-            line += f", interval honest in {sum(one.honest for one in own)} of {len(own)}"
+            line += f", interval honest in {sum(one.half_widths <= 1.0 for one in own)} of {len(own)}"
         print(f"{line} ({seconds:.0f} s CPU a seed)", flush=True)
 
 
