@@ -1,7 +1,7 @@
 """The sites where a law may act, and the one signature that every law of a site has.
 
 A law is a scalar function. The decorator of its site compiles it with the site's signature, so that all laws of a site
-are values of one type: a kernel takes a fixed number of them as arguments and is compiled once, whatever the laws are.
+are values of one type: a kernel calls them by their addresses and is compiled once, whatever the laws are.
 
 =========== ============================= ============ ================================================================
 site        signature                     returns      arguments
@@ -48,7 +48,6 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 # Slots are filled with first-class functions, which numba announces as experimental at each compilation.
 warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
-SLOTS = 4  # laws per site that a kernel takes
 MAX_LAW_PARAMETERS = 80  # numbers per law: a free function of two arguments takes 78
 LAW_PARAMETERS = 8  # numbers that a row holds at least: rows of usual laws lie side by side in the processor's cache
 STATES = 4  # internal states per force law
@@ -164,68 +163,6 @@ class BoundLaw:
     states: int = 0
 
 
-@force
-def no_force(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
-    """Fill an empty slot of the site `force`."""
-    return 0.0
-
-
-@gap
-def no_gap(place: float, p: np.ndarray) -> float:
-    """Fill an empty slot of the site `gap`."""
-    return 0.0
-
-
-@contact
-def no_contact(place: float, clearance: float, rate: float, pressure: float, p: np.ndarray) -> float:
-    """Fill an empty slot of the site `contact`."""
-    return 0.0
-
-
-@restitution
-def no_restitution(e: float, speed: float, p: np.ndarray) -> float:
-    """Fill an empty slot of the site `restitution`."""
-    return 0.0
-
-
-@excitation
-def no_excitation(t: float, phase: float, amplitude: float, x: float, p: np.ndarray) -> float:
-    """Fill an empty slot of the site `excitation`."""
-    return 0.0
-
-
-_EMPTY = {
-    "force": no_force,
-    "gap": no_gap,
-    "contact": no_contact,
-    "restitution": no_restitution,
-    "excitation": no_excitation,
-}
-
-
 def at_site(laws: Sequence[BoundLaw], site: str) -> list[BoundLaw]:
     """Return the laws that act at `site`, in their order."""
     return [law for law in laws if law.site == site]
-
-
-def slots(laws: Sequence[BoundLaw], site: str) -> tuple[tuple[Callable, ...], np.ndarray, int]:
-    """Fill a kernel's slots of one site.
-
-    Returns
-    -------
-    functions : tuple of SLOTS compiled laws, the empty ones giving zero
-    parameters : (SLOTS, numbers), as many as the longest law takes
-    count : how many slots are taken
-
-    Raises
-    ------
-    ValueError : more laws than slots (the model refuses that before a run)
-    """
-    here = at_site(laws, site)
-    if len(here) > SLOTS:
-        raise ValueError(f"{len(here)} laws at site {site!r}, a kernel takes {SLOTS}")
-    parameters = np.zeros((SLOTS, max((law.p.size for law in here), default=LAW_PARAMETERS)))
-    for row, law in zip(parameters, here, strict=False):
-        row[: law.p.size] = law.p
-    empty = [_EMPTY[site].function] * (SLOTS - len(here))
-    return (*(law.function for law in here), *empty), parameters, len(here)

@@ -10,7 +10,7 @@ import xarray as xr
 from calib.errors import CalibError, nearest
 from calib.modelling.dry_run import DryRun
 from calib.modelling.effect import Effect, places_of
-from calib.modelling.laws import PYTHON_SITES, SLOTS, BoundLaw
+from calib.modelling.laws import PYTHON_SITES, BoundLaw
 from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import MappedSimulator, Request, Simulator
@@ -33,10 +33,6 @@ class Model:
         self._check_initial()
         if self._confirming is not None:
             self._check_confirming(self._confirming)
-        for site in {effect.site for effect in self.effects} - set(PYTHON_SITES):
-            count = sum(effect.site == site for effect in self.effects)
-            if count > SLOTS:
-                raise CalibError(f"{count} effects act at {site!r}, at most {SLOTS} can; drop some of them")
 
     def _check(self, effect: Effect) -> None:
         reason = effect.refusal(self.simulator)

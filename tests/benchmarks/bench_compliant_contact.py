@@ -36,7 +36,7 @@ def runner(contact, effects=(), **values):
 
     def run():
         state = start(problem, np.zeros(4), np.zeros(4))
-        w = scratch(4, problem.compliance is not None)
+        w = scratch(problem)
         outcome = kernel.advance(problem, state, w, PERIODS, 0.0, 10**9, rows, np.zeros(0), none, impacts)
         assert outcome == kernel.DONE
         return int(state.counters[IMPACTS]), state.clock[1] * FREQUENCY / PERIODS

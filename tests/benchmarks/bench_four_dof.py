@@ -37,7 +37,7 @@ def ours(values, periods):
     problem = FourDof().problem(values, Excitation("end", "displacement", frequency=FREQUENCY, amplitude=1.5e-3))
     state = start(problem, np.zeros(4), np.zeros(4))
     rows, none, impacts = np.zeros((periods, 10)), np.zeros((0, 10)), np.zeros((20_000, 10))
-    kernel.advance(problem, state, scratch(4), periods, 0.0, 10**9, rows, np.zeros(0), none, impacts)
+    kernel.advance(problem, state, scratch(problem), periods, 0.0, 10**9, rows, np.zeros(0), none, impacts)
     return impacts[: min(len(impacts), int(state.counters[IMPACTS])), 0]
 
 

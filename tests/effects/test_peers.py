@@ -126,7 +126,7 @@ def test_impacts_of_the_minimal_model(names, gap):
     problem = simulator.problem(own, excitation, model._laws(values, own))
     state, impacts, none = start(problem, np.zeros(4), np.zeros(4)), np.zeros((5000, 10)), np.zeros((0, 10))
     rows = np.zeros((int(peer.times[-1] * frequency) + 2, 10))
-    kernel.advance(problem, state, scratch(4), len(rows), 0.0, 10**8, rows, np.zeros(0), none, impacts)
+    kernel.advance(problem, state, scratch(problem), len(rows), 0.0, 10**8, rows, np.zeros(0), none, impacts)
     found = impacts[: int(state.counters[IMPACTS])]
     found, expected = found[found[:, 1] > 1e-3][:count], peer.speeds > 1e-3
     np.testing.assert_allclose(found[:, 0] * frequency, peer.times[expected] * frequency, rtol=0, atol=1e-6)

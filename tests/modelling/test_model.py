@@ -12,7 +12,7 @@ import calib
 from calib.effects import channel_lag, gap_offset, quadratic_drag
 from calib.errors import CalibError
 from calib.modelling.effect import Effect
-from calib.modelling.laws import SLOTS, force, gap, numerical, slots, stop, structure
+from calib.modelling.laws import force, gap, numerical, stop, structure
 from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import MappedSimulator, RefinableSimulator, Request, Simulator, StoppedSimulator
@@ -83,24 +83,9 @@ def test_a_site_that_the_simulator_lacks_is_refused():
         Model(simulator, [gap_offset.EFFECT])
 
 
-def test_more_effects_than_slots_are_refused():
-    many = [
-        replace(gap_offset.EFFECT, name=f"g{i}", parameters=(Parameter(f"dg{i}", "m", 0.0, "", null=0.0),))
-        for i in range(SLOTS + 1)
-    ]
-    with pytest.raises(CalibError, match="at most 4"):
-        Model(Still(), many)
-
-
 def test_a_law_stays_the_same_through_a_pickle():
     law = pickle.loads(pickle.dumps(gap_offset.EFFECT)).law
     assert law is gap_offset.offset
-
-
-def test_empty_slots_give_nothing():
-    functions, p, count = slots([gap_offset.EFFECT.bound({"dg": 2e-4})], "gap")
-    assert (count, len(functions), p.shape[0]) == (1, SLOTS, SLOTS)
-    assert sum(f(0.0, row) for f, row in zip(functions, p, strict=True)) == 2e-4
 
 
 def test_an_effect_that_says_no_group_is_listed_by_its_site_and_an_unknown_group_is_refused():

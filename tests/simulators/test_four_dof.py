@@ -43,7 +43,7 @@ def advance(problem, state, periods=1, capacity=10_000, budget=10**9):
     rows, impacts = np.zeros((periods, 10)), np.zeros((capacity, 10))
     before = int(state.counters[IMPACTS])
     code = kernel.advance(
-        problem, state, scratch(4), periods, 0.0, budget, rows, np.zeros(0), np.zeros((0, 10)), impacts
+        problem, state, scratch(problem), periods, 0.0, budget, rows, np.zeros(0), np.zeros((0, 10)), impacts
     )
     assert code == kernel.DONE
     return rows, impacts[before : int(state.counters[IMPACTS])]

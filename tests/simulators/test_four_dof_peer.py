@@ -50,7 +50,7 @@ def impacts_of(values, frequency, periods, laws=(), **options):
     state = start(problem, np.zeros(4), np.zeros(4))
     impacts, none = np.zeros((20_000, 10)), np.zeros((0, 10))
     rows = np.zeros((periods, 10))
-    code = kernel.advance(problem, state, scratch(4), periods, 0.0, 10**8, rows, np.zeros(0), none, impacts)
+    code = kernel.advance(problem, state, scratch(problem), periods, 0.0, 10**8, rows, np.zeros(0), none, impacts)
     assert code == kernel.DONE
     return impacts[: int(state.counters[IMPACTS])]
 
@@ -126,7 +126,7 @@ def test_the_collocation_is_of_high_order_for_a_smooth_law():
         problem = FourDof(mode="fixed_step", steps_per_period=n).problem(values, excitation, [law])
         rows = np.zeros((2, 10))
         state = start(problem, np.zeros(4), np.zeros(4))
-        kernel.advance(problem, state, scratch(4), 2, 0.0, 10**8, rows, np.zeros(0), none, none)
+        kernel.advance(problem, state, scratch(problem), 2, 0.0, 10**8, rows, np.zeros(0), none, none)
         ends.append(rows[-1, :4])
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
     assert np.polyfit(np.log(steps[:-1]), np.log(errors), 1)[0] < -6.0
@@ -172,12 +172,12 @@ def test_no_impact_is_missed_in_chaotic_motion():
         fine = FourDof(steps_per_period=512).problem(values, excitation, [nothing])
         state = start(coarse, np.zeros(4), np.zeros(4))
         rows = np.zeros((500, 10))
-        kernel.advance(coarse, state, scratch(4), 500, 0.0, 10**9, rows, np.zeros(0), empty, empty)
+        kernel.advance(coarse, state, scratch(coarse), 500, 0.0, 10**9, rows, np.zeros(0), empty, empty)
         for row in rows:
             counts = []
             for problem in (coarse, fine):
                 state, found, end = start(problem, row[:4], row[4:8]), np.zeros((400, 10)), np.zeros((1, 10))
-                kernel.advance(problem, state, scratch(4), 1, 0.0, 10**9, end, np.zeros(0), empty, found)
+                kernel.advance(problem, state, scratch(problem), 1, 0.0, 10**9, end, np.zeros(0), empty, found)
                 found = found[: int(state.counters[IMPACTS])]
                 counts.append(found[found[:, 1] > 1e-9, 0])
             same = len(counts[0]) == len(counts[1]) and np.allclose(*counts, atol=1e-9, rtol=0.0)

@@ -25,6 +25,8 @@ def memory(t, x, v, p, z, dz):
 
 PUSH = Parameter("memory", "1/s", 0.0, "of the push", null=0.0)
 MEMORY = Effect("memory", "force", memory, (PUSH,), "a delayed drag")
+HESITATION = Parameter("hesitation", "1/s", 0.0, "of the push", null=0.0)
+HESITATING = Effect("hesitation", "force", memory, (HESITATION,), "a delayed drag of its own")
 DRIVES = {
     "four_dof": (FourDof(), Excitation("end", "displacement", frequency=26.24, amplitude=1.5e-3), {"restitution": 0.1}),
     "oscillator": (
@@ -67,6 +69,20 @@ def test_a_record_goes_on_from_its_state():
     first = model.run(own | {"memory": 0.3}, drive, Request(periods=2, samples=100))
     after = Request(periods=2, samples=100, settle=0, initial_state=first.state.values)
     np.testing.assert_allclose(model.run(own | {"memory": 0.3}, drive, after).velocity, first.velocity, atol=1e-9)
+
+
+@pytest.mark.parametrize("laws", [[MEMORY, HESITATING], [MEMORY]])
+def test_a_record_goes_on_where_a_law_with_a_state_is_added_or_left_out(laws):
+    """What the two laws remember is handed on to one, and what one does to two: the first goes on from its state."""
+    simulator, drive, own = DRIVES["four_dof"]
+    before = [effect for effect in (MEMORY, HESITATING) if effect is MEMORY or effect not in laws]
+    values = own | {"memory": 0.3}
+    first = Model(simulator, before).run(
+        values | ({"hesitation": 1e-12} if HESITATING in before else {}), drive, Request(periods=2, samples=100)
+    )
+    after = Request(periods=2, samples=100, settle=0, initial_state=first.state.values)
+    on = Model(simulator, laws).run(values | ({"hesitation": 1e-12} if HESITATING in laws else {}), drive, after)
+    np.testing.assert_allclose(on.velocity, first.velocity, atol=1e-9)
 
 
 def test_the_step_budget_holds_for_all_periods_that_shooting_takes(monkeypatch):

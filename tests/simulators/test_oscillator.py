@@ -1,6 +1,7 @@
 """The one-mass oscillator against closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -222,6 +223,19 @@ def test_a_drag_law_agrees_with_a_general_integrator(driven):
 def test_drag_alone_slows_a_free_mass_by_its_closed_form():
     record = run({"damping": 0.0, "stiffness": 0.0, "initial_velocity": 2.0, "c2": 3.0}, effects=[AIR_DRAG])
     np.testing.assert_allclose(record.velocity[0], 2.0 / (1.0 + 6.0 * TIMES), rtol=1e-9)
+
+
+@pytest.mark.parametrize("number", [2, 7])
+def test_as_many_force_laws_act_as_a_model_has(number):
+    """A drag in so many parts, each an effect of its own, is the whole drag."""
+    parts = [
+        replace(AIR_DRAG, name=f"part {i}", parameters=(replace(AIR_DRAG.parameters[0], name=f"part_{i}"),))
+        for i in range(number)
+    ]
+    values = {"damping": 1.0, "stiffness": 300.0, "initial_displacement": 0.05}
+    shares = {f"part_{i}": 6.0 * (i + 1) / (0.5 * number * (number + 1)) for i in range(number)}
+    whole, sum_of_parts = run({**values, "c2": 6.0}, effects=[AIR_DRAG]), run({**values, **shares}, effects=parts)
+    np.testing.assert_allclose(sum_of_parts.displacement, whole.displacement, rtol=0, atol=1e-12 * 0.05)
 
 
 @pytest.mark.parametrize(

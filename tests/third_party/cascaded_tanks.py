@@ -11,9 +11,9 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import STATES, excitation, force, sensor
 from calib.modelling.parameter import Parameter
 from calib.records import failed, make
-from calib.simulators.slots import acting, fill
-from calib.simulators.slots import excitation as excitation_law
-from calib.simulators.slots import force as force_law
+from calib.simulators.law_calls import acting, addresses
+from calib.simulators.law_calls import excitation as excitation_law
+from calib.simulators.law_calls import force as force_law
 
 BODIES = ("upper", "lower")
 RANGE = 10.0  # m, end of the sensor's range
@@ -55,9 +55,9 @@ class CascadedTanks:
         states = np.array([law.states for law in laws] + [0] * STATES)
         found = _levels(
             excitation.time,
-            excitation.value + _changes(excitation.time, excitation.value, *fill(laws, "excitation")),
+            excitation.value + _changes(excitation.time, excitation.value, *addresses(laws, "excitation")),
             np.array([values[p.name] for p in self.parameters]),
-            *fill(laws, "force"),
+            *addresses(laws, "force"),
             acting(laws, BODIES),
             states,
         )

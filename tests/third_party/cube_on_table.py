@@ -8,9 +8,9 @@ from calib.errors import CalibError
 from calib.modelling.laws import STATES, at_site
 from calib.modelling.parameter import Parameter
 from calib.records import failed, make
-from calib.simulators.slots import fill
-from calib.simulators.slots import force as force_law
-from calib.simulators.slots import restitution as restitution_law
+from calib.simulators.law_calls import addresses
+from calib.simulators.law_calls import force as force_law
+from calib.simulators.law_calls import restitution as restitution_law
 
 STEPS = 8  # from one sample of the rotation to the next
 CUTS = 40  # of an interval in which the corner touches
@@ -57,8 +57,8 @@ class CubeOnTable:
             floor.x,
             np.ascontiguousarray(floor.c),
             np.array([values[p.name] for p in self.parameters]),
-            *fill(laws, "force"),
-            *fill(laws, "restitution"),
+            *addresses(laws, "force"),
+            *addresses(laws, "restitution"),
         )
         if not np.isfinite(motion).all():
             return failed(self.bodies, "diverged", "the motion is not finite", **attrs)

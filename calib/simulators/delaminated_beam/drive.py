@@ -10,9 +10,9 @@ from numba import njit
 from calib.errors import CalibError
 from calib.modelling.laws import BoundLaw
 from calib.records.excitation import Excitation, Harmonic
-from calib.simulators import slots
+from calib.simulators import law_calls
 from calib.simulators.compilation import COMPILED
-from calib.simulators.slots import fill
+from calib.simulators.law_calls import addresses
 
 PLACE, QUANTITY = "centre", "displacement"  # of the excitation that the simulator takes
 STEPS_AT_START = 1024  # a period, of the differences that give the velocity of laws at time 0
@@ -49,7 +49,7 @@ def changes(
         angle = 2.0 * math.pi * (cycles - math.floor(cycles)) + phase
         x = amplitude * math.cos(angle)
         for law in range(count):
-            table[k] += slots.excitation(functions[law], times[k], angle, amplitude, x, parameters[law])
+            table[k] += law_calls.excitation(functions[law], times[k], angle, amplitude, x, parameters[law])
     return table
 
 
@@ -66,7 +66,7 @@ class BeamDrive:
         self.amplitude = scale * excitation.amplitude
         self.phase = excitation.phase
         self._alpha = alpha
-        self._laws = fill(laws, "excitation")
+        self._laws = addresses(laws, "excitation")
         self._tables: dict[tuple[str, int], np.ndarray] = {}
 
     @property

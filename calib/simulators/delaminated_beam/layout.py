@@ -15,7 +15,7 @@ from calib.simulators.delaminated_beam.explicit.plan import (
 from calib.simulators.delaminated_beam.mesh import Mesh
 from calib.simulators.delaminated_beam.plane_stress import Elements
 from calib.simulators.delaminated_beam.structure import BODIES, MeshedStructure
-from calib.simulators.slots import acting, fill
+from calib.simulators.law_calls import acting, addresses
 
 MAX_LINE_NODES = ROW_LENGTH - 2 * VECTOR_LANES  # nodes of a line, its padding at both ends apart
 NO_CONTACT_STEP = -(10**15)  # step of the last contact where there was none
@@ -82,8 +82,8 @@ def plan(
     mesh, material, pairs, size = structure.mesh, structure.material, structure.pairs, layout.size
     strips = [structure.elements(lower) for lower in mesh.strips]
     interface, below, above = mesh.interface, *mesh.neighbours
-    force, force_p, forces = fill(coefficients.laws, "force")
-    contacts, contact_p, number = fill(coefficients.laws, "contact")
+    force, force_p, forces = addresses(coefficients.laws, "force")
+    contacts, contact_p, number = addresses(coefficients.laws, "contact")
     return ExplicitPlan(
         size=size,
         strips=np.array(

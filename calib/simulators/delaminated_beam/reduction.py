@@ -10,7 +10,7 @@ from calib.simulators.delaminated_beam.coefficients import Coefficients
 from calib.simulators.delaminated_beam.modes import Modes
 from calib.simulators.delaminated_beam.reduced.plan import Drift, ReducedPlan
 from calib.simulators.delaminated_beam.structure import BODIES, MeshedStructure
-from calib.simulators.slots import acting, fill
+from calib.simulators.law_calls import acting, addresses
 
 MAX_GUARD = 2e-6  # m, clearance that counts as near
 GUARD_SHARE = 0.1  # of the clearance at rest, below which it counts as near: at the tips, where it is small  [1]
@@ -75,8 +75,8 @@ def plan(
     pairs, step = structure.pairs, period / fineness.steps
     taken = np.arange(0, len(pairs.place), fineness.every)
     decay = coefficients.alpha + coefficients.beta * basis.omega**2
-    force, force_p, forces = fill(coefficients.laws, "force")
-    contacts, contact_p, number = fill(coefficients.laws, "contact")
+    force, force_p, forces = addresses(coefficients.laws, "force")
+    contacts, contact_p, number = addresses(coefficients.laws, "contact")
     tension, stretch, kappa = _stretch(basis, step)
     points = _force_points(structure, basis, forces > 0)
     opening = np.ascontiguousarray(basis.across[taken])

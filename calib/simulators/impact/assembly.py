@@ -12,7 +12,7 @@ from calib.simulators.impact.flow import MAX_SERIES_ARGUMENT
 from calib.simulators.impact.modes import LinearStructure, Stop, regimes
 from calib.simulators.impact.problem import PORT, RIGID, Compliance, Problem, Regimes
 from calib.simulators.impact.refinement import UNREFINED, Refinement
-from calib.simulators.slots import acting, fill
+from calib.simulators.law_calls import acting, addresses
 
 STEPS_PER_PERIOD = 48  # where loads are collocated, of order 8; fewer do not resolve the laws between nodes
 EVENT_TOLERANCE = 1e-11  # of the time of an event, over the highest angular frequency  [1]
@@ -42,7 +42,7 @@ class ImpactDrive:
     table: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
 
 
-class _LawSlots(NamedTuple):
+class _CalledLaws(NamedTuple):
     """The laws as `Problem` holds them."""
 
     force: np.ndarray
@@ -79,8 +79,8 @@ def assemble(
     contact : law of a compliant stop; None where it is rigid
     """
     stop, both = structure.stop, regimes(structure, drive.amplitude, drive.omega)
-    slots = _law_slots(structure, laws, coordinates)
-    collocated = bool(slots.counts[:2].any() or drive.knots.size or both.load_constant.any())
+    called = _called_laws(structure, laws, coordinates)
+    collocated = bool(called.counts[:2].any() or drive.knots.size or both.load_constant.any())
     fastest = _highest_frequency(both, drive)
     return Problem(
         regimes=both,
@@ -103,7 +103,7 @@ def assemble(
         table=_own(drive.table),
         push=_push(structure),
         compliance=_compliance(contact, stop, both, drive, length, fastest, refinement),
-        **slots._asdict(),
+        **called._asdict(),
     )
 
 
@@ -112,16 +112,16 @@ def _own(values: np.ndarray) -> np.ndarray:
     return np.array(values, dtype=float, order="C")
 
 
-def _law_slots(structure: LinearStructure, laws: Sequence[BoundLaw], coordinates: Sequence[str]) -> _LawSlots:
-    """Fill the kernel's slots; a law at the port acts only where there is a stop."""
-    force, force_p, forces = fill(laws, "force")
-    excitation, excitation_p, excitations = fill(laws, "excitation")
-    restitution, restitution_p, restitutions = fill(laws, "restitution")
+def _called_laws(structure: LinearStructure, laws: Sequence[BoundLaw], coordinates: Sequence[str]) -> _CalledLaws:
+    """Return the laws as the kernel calls them; a law at the port acts only where there is a stop."""
+    force, force_p, forces = addresses(laws, "force")
+    excitation, excitation_p, excitations = addresses(laws, "excitation")
+    restitution, restitution_p, restitutions = addresses(laws, "restitution")
     states = sum(law.states for law in at_site(laws, "force"))
     acts = acting(laws, coordinates or [""] * len(structure.mass), [PORT])
     acts[:, -1] &= structure.stop is not None
     counts = np.array([forces, excitations, restitutions, states, acts[:, -1].sum()])
-    return _LawSlots(force, excitation, restitution, force_p, excitation_p, restitution_p, counts, acts)
+    return _CalledLaws(force, excitation, restitution, force_p, excitation_p, restitution_p, counts, acts)
 
 
 def _highest_frequency(both: Regimes, drive: ImpactDrive) -> float:

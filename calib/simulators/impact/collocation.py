@@ -35,7 +35,7 @@ from calib.simulators.impact.problem import (
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import expand_contact, motion_within
 from calib.simulators.impact.stop_kinds import by_stop
-from calib.simulators.slots import excitation, force
+from calib.simulators.law_calls import excitation, force
 
 MAX_SWEEPS = 15  # of the fixed point
 MAX_LOAD_CONTRACTION = 0.5  # change of the loads over that two sweeps before; above it so many sweeps do not suffice

@@ -21,7 +21,7 @@ from calib.simulators.impact.problem import (
 )
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.witness import witness
-from calib.simulators.slots import restitution
+from calib.simulators.law_calls import restitution
 
 
 @njit(**WITHIN)

@@ -74,7 +74,7 @@ def _in_compliance(problem: Problem, depth: float, rate: float) -> tuple[int, in
 
 def coordinates_at_phase_zero(problem: Problem, state: ImpactState) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates [m] and velocities [m/s] (n,) of a state at phase zero."""
-    n, w = len(state.y), scratch(len(state.y), problem.compliance is not None)
+    n, w = len(state.y), scratch(problem)
     u, du = problem.table[0, :2] if len(problem.table) else (0.0, 0.0)
     to_coordinates(
         problem.regimes, modal_row(state.counters[REGIME]), state.y, state.v, problem.omega, state.clock[0], u, du,
@@ -101,11 +101,16 @@ def memory(problem: Problem, state: ImpactState) -> np.ndarray:
 
 
 def with_memory(problem: Problem, state: ImpactState, values: np.ndarray) -> ImpactState:
-    """Return the state with the `memory` that a motion ended with, where the sizes agree."""
-    if remembers_speed(problem) and values.size in (1, state.z.size + 1):
+    """Return the state with the `memory` that a motion ended with, also one with fewer or more force laws.
+
+    Laws that are added stand last: those before them go on from their states.
+    """
+    of_a_law = math.prod(state.z.shape[1:])
+    if values.size % of_a_law == 1:
         if values[-1] > 0.0 and state.counters[REGIME] != FREE:
             state.clock[CLOSING] = values[-1]
         values = values[:-1]
-    if values.size == state.z.size:
-        state.z[:] = values.reshape(state.z.shape)
+    if values.size % of_a_law == 0:
+        common = min(values.size, state.z.size)
+        state.z.ravel()[:common] = values[:common]
     return state

@@ -15,7 +15,7 @@ from numba import njit
 from calib.modelling.laws import STATES
 from calib.modelling.modal_system import InnerStates
 from calib.simulators.compilation import COMPILED
-from calib.simulators.slots import force
+from calib.simulators.law_calls import force
 
 STATE_DIFFERENCE = 1e-6  # of the size of a state, for the derivatives by it
 MAX_MARCHED_PERIODS = 40  # over which states are marched until they repeat

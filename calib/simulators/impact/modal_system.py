@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from calib.errors import CalibError
-from calib.modelling.laws import SLOTS, STATES
+from calib.modelling.laws import STATES
 from calib.modelling.modal_system import Forces, Linear, ModalSystem
 from calib.simulators.compilation import COMPILED
 from calib.simulators.impact.law_states import LawAtPlace, at_places, inner_states, state_path
@@ -23,7 +23,7 @@ from calib.simulators.impact.problem import (
     Compliance,
     Problem,
 )
-from calib.simulators.slots import excitation, force
+from calib.simulators.law_calls import excitation, force
 
 LAW_DIFFERENCE = 1e-6  # of the largest position or rate at a place, for the derivatives of its laws
 
@@ -163,7 +163,7 @@ def _law_forces(
         return Forces(out[0], out[1], out[2])
     steps = np.array([np.abs(part).max(axis=1) for part in (position, rate)]) * LAW_DIFFERENCE
     steps[steps == 0.0] = LAW_DIFFERENCE
-    states = np.zeros((len(position), times.size if with_states else 1, SLOTS, STATES))
+    states = np.zeros((len(position), times.size if with_states else 1, count, STATES))
     paths = []
     for law, a, size in with_states:
         own = position[a], rate[a], (float(steps[0, a]), float(steps[1, a]))
@@ -186,7 +186,7 @@ def _sum(
     z: np.ndarray,
     dz: np.ndarray,
 ) -> float:
-    """Sum of the laws that act at a place, as `acts` (slots,) says."""
+    """Sum of the laws that act at a place, as `acts` (laws,) says."""
     total = 0.0
     for i in range(count):
         if acts[i]:
@@ -209,7 +209,7 @@ def _evaluate(
 ) -> None:
     """Write sums of the laws (3, place, instant): value, and derivatives by position and rate with `states` held.
 
-    states : (place, instant, slot, STATES); without any, of one instant
+    states : (place, instant, law, STATES); without any, of one instant
     """
     dz = np.zeros(STATES)
     for a in range(position.shape[0]):

@@ -18,7 +18,7 @@ from calib.simulators.impact.modal_system import modal_system
 from calib.simulators.impact.near_misses import nearest_passes
 from calib.simulators.impact.problem import AT_PERIOD, FORCE_LAWS, IMPACTS, PORT, ImpactState, Problem
 from calib.simulators.impact.run import STATUS
-from calib.simulators.impact.scratch import Scratch, scratch
+from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.tangent import carry
 
 MAX_STEPS_PER_PERIOD = 20_000  # on average over the periods of a run
@@ -77,7 +77,7 @@ class ImpactMap:
         batch = 1 if inner.shape[1] else BATCH_PERIODS  # the kernel's rows do not hold what is beside the motion
         impact_rows = np.empty((MAX_IMPACTS_PER_PERIOD * min(batch, periods), 2 + 2 * n))
         impacts = [np.zeros((0, 2 + 2 * n))]
-        w, none, code = self._scratch(), np.zeros((0, 2 * n + 2)), kernel.DONE
+        w, none, code = scratch(self.problem), np.zeros((0, 2 * n + 2)), kernel.DONE
         budget = MAX_STEPS_PER_PERIOD * periods
         for first in range(0, periods, batch):
             part = rows[first : first + batch]
@@ -108,7 +108,9 @@ class ImpactMap:
         rows, sections = np.zeros((times.size, 2 * n + 2)), np.zeros((periods, 2 * n + 2))
         now, budget = self._started(state), MAX_STEPS_PER_PERIOD * periods
         no_impacts = np.zeros((0, 2 + 2 * n))
-        kernel.advance(self.problem, now, self._scratch(), periods, 0.0, budget, sections, times, rows, no_impacts)
+        kernel.advance(
+            self.problem, now, scratch(self.problem), periods, 0.0, budget, sections, times, rows, no_impacts
+        )
         done = samples * int(now.counters[AT_PERIOD])
         return self.channels(rows[:done], times[:done])[0]
 
@@ -120,7 +122,7 @@ class ImpactMap:
         rows, growth = np.zeros((periods, 2 * n + 3)), np.zeros((periods, m, m))
         vectors = np.array(vectors, dtype=float, order="C")
         begin, budget = self._started(state), MAX_STEPS_PER_PERIOD * periods
-        _, done = carry(self.problem, begin, self._scratch(), periods, budget, self.scale, rows, vectors, growth)
+        _, done = carry(self.problem, begin, scratch(self.problem), periods, budget, self.scale, rows, vectors, growth)
         kept = [*range(2 * n), *([2 * n + 2] if remembers_speed(self.problem) else [])]
         return Tangent(rows[:done, kept], vectors, growth[:done])
 
@@ -136,7 +138,7 @@ class ImpactMap:
             return minima[:0]
         no_impacts = np.zeros((0, 2 + 2 * n))
         count = nearest_passes(
-            self.problem, self._started(state), self._scratch(), MAX_STEPS_PER_PERIOD, no_impacts, minima
+            self.problem, self._started(state), scratch(self.problem), MAX_STEPS_PER_PERIOD, no_impacts, minima
         )
         return minima[: max(0, count)]
 
@@ -151,9 +153,6 @@ class ImpactMap:
         for place, value in zip(self.law_states, inner, strict=True):
             now.z[place] = value
         return now
-
-    def _scratch(self) -> Scratch:
-        return scratch(len(self.problem.hit), self.problem.compliance is not None)
 
     def _impacts(self, rows: np.ndarray) -> np.ndarray:
         """Period, phase and closing speed (k, 3) of the kernel's rows of impacts."""

@@ -104,11 +104,11 @@ class Problem(NamedTuple):
     limit : |q| beyond which the motion counts as diverged  [m]
     knots : (k + 1,) ends of the table's pieces  [s]; (0,) without a table
     table : (k, 4) coefficients of U = c0 + c1 s + c2 s^2 + c3 s^3, s the time since the piece's start  [s]
-    force, excitation, restitution_laws : laws of each site (see `slots`)
-    force_p, excitation_p, restitution_p : (SLOTS, numbers)
+    force, excitation, restitution_laws : (m,) laws of each site (see `law_calls`)
+    force_p, excitation_p, restitution_p : (m, numbers)
     counts : (5,) laws at the sites force, excitation, restitution; internal states of all force laws; force laws at the
         port
-    acts : (SLOTS, n + 1) whether a force law acts on a coordinate, and last, at the port: there it sees the clearance,
+    acts : (m, n + 1) whether a force law acts on a coordinate, and last, at the port: there it sees the clearance,
         out of contact, and nothing in contact
     push : (n,) acceleration of the coordinates per unit of a law at the port
     compliance : of the stop, None where it is rigid; kernels are compiled for the one and for the other
@@ -150,7 +150,7 @@ class ImpactState(NamedTuple):
     Attributes
     ----------
     y, v : (n,) modal part of the motion in the present regime; in a compliant contact, that of the free regime
-    z : (SLOTS, n + 1, STATES) internal states of the force laws
+    z : (force laws, n + 1, STATES) their internal states
     clock : (3,) time since the last whole period [s]; time spent in contact [s]; closing speed at which the last
         compliant contact began [m/s]
     counters : (7,) whole periods done; regime (FREE, CONTACT of a rigid stop, COMPRESSION or PARTED of a compliant

@@ -106,11 +106,11 @@ def simulate(
         period of it stands for all, whose `times` are the same, and there are no more sections than recorded periods
     """
     if near and problem.exact:
-        periodic = shoot(problem, state, scratch(len(state.y), problem.compliance is not None), budget)
+        periodic = shoot(problem, state, scratch(problem), budget)
         if periodic is not None:
             first = times[: len(times) // periods]
             return _repeated(simulate(problem, periodic, first, 1, 0, 1, budget, capacity), periods, problem.period)
-    run = _Run(problem, state, scratch(len(state.y), problem.compliance is not None), budget)
+    run = _Run(problem, state, scratch(problem), budget)
     outcome, dropped = _settled(run, settle, max(0, sections - periods))
     samples = np.zeros((len(times), 2 * len(state.y) + 2))
     recorded, impacts, contact = run.no_rows, run.no_rows, 0.0

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.modelling.laws import SLOTS, STATES
+from calib.modelling.laws import STATES
+from calib.simulators.impact.problem import Problem
 
 ORDER = 40  # highest, of the Taylor series of the motion in a compliant contact
 TRUNCATION = 1e-13  # terms of the series below that share of the largest are left out
@@ -37,7 +38,7 @@ class Scratch(NamedTuple):
     free_dq: np.ndarray
     response_y: np.ndarray  # (n, 6, 5) point, coefficient: modal motion per unit load
     response_v: np.ndarray
-    z: np.ndarray  # (SLOTS, n + 1, STATES, 6) internal states
+    z: np.ndarray  # (force laws, n + 1, STATES, 6) internal states
     dz: np.ndarray  # their rates
     law_state: np.ndarray  # (2, STATES) internal states of one law at one place, and their rates
     resolved_step: np.ndarray  # (1,) length of step over which the laws held last  [s]
@@ -51,12 +52,13 @@ class Scratch(NamedTuple):
     composed: np.ndarray  # (5, COMPOSED) series in a fictitious time of the powers of tau / step
 
 
-def scratch(n: int, compliant: bool = False) -> Scratch:
-    """Allocate for n coordinates, and a stop that may be compliant."""
+def scratch(problem: Problem) -> Scratch:
+    """Allocate what the steps of a problem are worked out in."""
+    laws, n, compliant = len(problem.force), len(problem.hit), problem.compliance is not None
     return Scratch(
         np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 6)), np.zeros((n, 5)),
         np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
-        np.zeros((SLOTS, n + 1, STATES, 6)), np.zeros((SLOTS, n + 1, STATES, 6)),
+        np.zeros((laws, n + 1, STATES, 6)), np.zeros((laws, n + 1, STATES, 6)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
         np.zeros((MODES + 3 * n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
         np.zeros((8 + n, BRANCHES, TERMS)) if compliant else None,  # type: ignore[arg-type]

@@ -21,7 +21,7 @@ class _Return:
 
     Attributes
     ----------
-    scale : (2 n,) or with the internal states (2 n + SLOTS (n + 1) STATES,), in units of which x is given
+    scale : (2 n,) or with the internal states (2 n + (force laws) (n + 1) STATES,), in units of which x is given
     inverse : (2 n, 2 n) preconditioner
     spent : steps so far
     """

@@ -11,7 +11,7 @@ from numba import types
 from numba.extending import overload
 
 from calib.simulators.impact.problem import Problem
-from calib.simulators.slots import UNCOMPILED
+from calib.simulators.law_calls import UNCOMPILED
 
 
 def by_stop(rigid: Callable, compliant: Callable, options: dict[str, Any]) -> Callable:

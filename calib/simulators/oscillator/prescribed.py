@@ -13,9 +13,9 @@ from calib.modelling.laws import STATES, BoundLaw
 from calib.records.excitation import Excitation
 from calib.records.filter import low_pass
 from calib.simulators.compilation import COMPILED, WITHIN
-from calib.simulators.slots import excitation as excitation_law
-from calib.simulators.slots import fill
-from calib.simulators.slots import force as force_law
+from calib.simulators.law_calls import addresses
+from calib.simulators.law_calls import excitation as excitation_law
+from calib.simulators.law_calls import force as force_law
 
 EXCITATION_SPLINE_DEGREE = 5  # of the spline through the samples: the acceleration is then a cubic
 MIN_SAMPLES_PER_PERIOD = 200  # of a harmonic motion that laws of the excitation change
@@ -91,7 +91,7 @@ def law_changes(
     time: np.ndarray, x: np.ndarray, excitation: Excitation, scale: float, laws: Sequence[BoundLaw]
 ) -> np.ndarray:
     """Change (n,) of the excitation `x` (n,) by the laws that act on it."""
-    functions, p, count = fill(laws, "excitation")
+    functions, p, count = addresses(laws, "excitation")
     omega = 2.0 * math.pi * (excitation.frequency or 0.0)
     amplitude = scale * (excitation.amplitude or 0.0)
     return _changes(time, x, omega, excitation.phase, amplitude, functions, p, count)
@@ -120,7 +120,7 @@ def law_accelerations(motion: PrescribedMotion, laws: Sequence[BoundLaw], budget
 
     Internal states start at zero and obey their own equation, driven by the motion.
     """
-    functions, p, count = fill(laws, "force")
+    functions, p, count = addresses(laws, "force")
     states = np.array([law.states for law in laws if law.site == "force"], dtype=np.int64)
     total = np.zeros(motion.time.size)
     spent = _along(motion.time, motion.x, motion.v, functions, p, count, states, budget, total)

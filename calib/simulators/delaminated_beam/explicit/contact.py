@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit, uintp
 
-from calib.simulators import slots
+from calib.simulators import law_calls
 from calib.simulators.compilation import INLINED
 from calib.simulators.delaminated_beam.explicit.plan import (
     LAST_CENTRAL_CONTACT,
@@ -102,7 +102,7 @@ def apply_contact_forces(plan: ExplicitPlan, state: ExplicitState, closed: int) 
         if plan.counts[1] > 0:
             pressure, more = push / plan.area[i], 0.0
             for law in range(plan.counts[1]):
-                more += slots.contact(plan.contact[law], plan.place[i], gap, before, pressure, plan.contact_p[law])
+                more += law_calls.contact(plan.contact[law], plan.place[i], gap, before, pressure, plan.contact_p[law])
             push += more * plan.area[i]
         state.push[k] = push
     for k in range(closed):

@@ -43,8 +43,8 @@ class ExplicitPlan(NamedTuple):
     driven : y-node
     limit : velocity beyond which the run counts as unstable  [m/s]
     merged : steps without contact that separate two impacts
-    force, force_p : laws (see `calib.simulators.slots`), (SLOTS,), (SLOTS, numbers)
-    acts : (SLOTS, 2) whether a force law acts on beam and layer
+    force, force_p : of m laws (see `calib.simulators.law_calls`), (m,), (m, numbers)
+    acts : (m, 2) whether a force law acts on beam and layer
     bodies : (b, 3) first y-node, nodes and body (0 beam, 1 layer) of ranges on which force laws act
     contact, contact_p : laws of the contact
     counts : (2,) laws at force and contact

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit, uintp
 
-from calib.simulators import slots
+from calib.simulators import law_calls
 from calib.simulators.compilation import COMPILED, INLINED
 from calib.simulators.delaminated_beam.explicit.contact import apply_contact_forces, find_contact, record_contact
 from calib.simulators.delaminated_beam.explicit.elements import VECTOR, elastic
@@ -87,7 +87,7 @@ def apply_force_laws(plan: ExplicitPlan, state: ExplicitState, time: float) -> N
             for law in range(plan.counts[0]):
                 if plan.acts[law, body]:
                     x = state.w[j] - plan.beta * state.v[j]
-                    acceleration += slots.force(plan.force[law], time, x, state.v[j], plan.force_p[law], none, none)
+                    acceleration += law_calls.force(plan.force[law], time, x, state.v[j], plan.force_p[law], none, none)
             state.v[j] += gain * acceleration
             state.w[j] += ahead * gain * acceleration
 

@@ -14,7 +14,7 @@ any stiffness, damping or mode.
 import numpy as np
 from numba import njit
 
-from calib.simulators import slots
+from calib.simulators import law_calls
 from calib.simulators.compilation import INLINED
 from calib.simulators.delaminated_beam.impacts import (
     CENTRAL_IMPACTS,
@@ -163,7 +163,7 @@ def apply_contact_laws(
         i = state.near[k]
         pressure, more = state.push[i] / plan.area[i], 0.0
         for law in range(plan.counts[1]):
-            more += slots.contact(plan.contact[law], plan.place[i], gap[i], rate[i], pressure, plan.contact_p[law])
+            more += law_calls.contact(plan.contact[law], plan.place[i], gap[i], rate[i], pressure, plan.contact_p[law])
         for j in range(len(state.kick)):
             state.v[j] += part * more * plan.area[i] * plan.opening[i, j]
 

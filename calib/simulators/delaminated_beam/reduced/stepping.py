@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from calib.simulators import slots
+from calib.simulators import law_calls
 from calib.simulators.compilation import COMPILED, INLINED
 from calib.simulators.delaminated_beam.impacts import record_near_miss
 from calib.simulators.delaminated_beam.reduced.contact import (
@@ -59,7 +59,7 @@ def apply_force_laws(plan: ReducedPlan, state: ReducedState, time: float, span: 
         x, v, acceleration = dot(plan.columns, j, state.q), dot(plan.columns, j, state.v), 0.0
         for law in range(plan.counts[0]):
             if plan.acts[law, plan.bodies[j]]:
-                acceleration += slots.force(plan.force[law], time, x, v, plan.force_p[law], none, none)
+                acceleration += law_calls.force(plan.force[law], time, x, v, plan.force_p[law], none, none)
         for k in range(len(kick)):
             kick[k] += span * plan.masses[j] * acceleration * plan.columns[j, k]
     state.v[: len(kick)] += kick

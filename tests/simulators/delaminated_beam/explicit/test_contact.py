@@ -8,7 +8,7 @@ from calib.modelling.laws import BoundLaw, contact
 from calib.simulators.delaminated_beam import explicit
 from calib.simulators.delaminated_beam.contact import critical_damping
 from calib.simulators.delaminated_beam.explicit.contact import add_mobilities, apply_contact_forces, find_contact
-from calib.simulators.slots import fill
+from calib.simulators.law_calls import addresses
 
 HALF, WHOLE = beam(), beam(symmetric=False)
 STEP = 3.1e-7  # s, as the paper's; 0.66 of the critical one
@@ -143,7 +143,7 @@ def growth(c_con, factor, lagged, steps=20_000):
         add_mobilities(plan, state, closed)
         depth[state.active[:closed]] *= 1.0 + 0.5 * plan.damping[:closed] * STEP * state.mobility[:closed]
     law = BoundLaw("contact", suction.function, np.array([pressure, 0, 0, 0, 0, 0, 0, 0]))
-    contacts, parameters, number = fill([law], "contact")
+    contacts, parameters, number = addresses([law], "contact")
     plan = plan._replace(
         clearance=-depth, contact=contacts, contact_p=parameters, counts=np.array([plan.counts[0], number])
     )

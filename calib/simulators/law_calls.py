@@ -1,4 +1,4 @@
-"""Laws in a kernel's slots, called by their machine address.
+"""Laws called by a kernel, by their machine address.
 
 Handing first-class functions to a kernel costs 50 us each and run, more than some runs take; an address costs nothing,
 and the kernel is still compiled once for any combination of laws. Where numba's compiler is switched off, the functions
@@ -17,7 +17,7 @@ from numba.core.typing.templates import Signature
 from numba.experimental.function_type import _get_wrapper_address
 from numba.extending import intrinsic
 
-from calib.modelling.laws import SIGNATURES, SLOTS, BoundLaw, at_site, slots
+from calib.modelling.laws import LAW_PARAMETERS, SIGNATURES, BoundLaw, at_site
 
 UNCOMPILED: bool = config.DISABLE_JIT  # type: ignore[attr-defined]  # numba reads its settings from the environment
 
@@ -28,18 +28,22 @@ def _address(function: Callable, site: str) -> int:
     return _get_wrapper_address(function, SIGNATURES[site])
 
 
-def fill(laws: Sequence[BoundLaw], site: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the laws of `site` for a kernel: addresses (SLOTS,), numbers (SLOTS, n), count of laws."""
-    functions, parameters, count = slots(laws, site)
+def addresses(laws: Sequence[BoundLaw], site: str) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return the m laws of `site` for a kernel: addresses (m,), numbers (m, those of the longest law), and m."""
+    here = at_site(laws, site)
+    parameters = np.zeros((len(here), max((law.p.size for law in here), default=LAW_PARAMETERS)))
+    for row, law in zip(parameters, here, strict=True):
+        row[: law.p.size] = law.p
     if UNCOMPILED:
-        return np.array(functions, dtype=object), parameters, count
-    return np.array([_address(function, site) for function in functions]), parameters, count
+        return np.array([law.function for law in here], dtype=object), parameters, len(here)
+    return np.array([_address(law.function, site) for law in here], dtype=np.int64), parameters, len(here)
 
 
 def acting(laws: Sequence[BoundLaw], bodies: Sequence[str], ports: Sequence[str] = ()) -> np.ndarray:
-    """Say which force law acts where: (SLOTS, bodies and ports), in the order of `fill`; at a port, only if named."""
-    acts = np.zeros((SLOTS, len(bodies) + len(ports)), dtype=bool)
-    for row, law in zip(acts, at_site(laws, "force"), strict=False):
+    """Say which of m force laws acts where: (m, bodies and ports), in the order of `addresses`; at a port, if named."""
+    here = at_site(laws, "force")
+    acts = np.zeros((len(here), len(bodies) + len(ports)), dtype=bool)
+    for row, law in zip(acts, here, strict=True):
         named = law.bodies or ()
         row[:] = [law.bodies is None or body in named for body in bodies] + [port in named for port in ports]
     return acts
