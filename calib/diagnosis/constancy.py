@@ -3,8 +3,12 @@
 Several effects together may imitate one that is no candidate, but hardly with the same sizes everywhere. The sizes of
 one effect are freed in each channel of each record, all else being common, and compared by Cochran's Q, whose variances
 are those of the standard errors: they include the model error beside the noise (Cochran, Biometrics 10 (1954) 101).
-Q tests whether sizes differ; by how much, relative to the size, is the moment estimator of DerSimonian & Laird,
-Controlled Clinical Trials 7 (1986) 177, weighted by the information on them.
+Q tests whether sizes differ; by how much, relative to the size, is a moment estimator: that of DerSimonian & Laird,
+Controlled Clinical Trials 7 (1986) 177, weighted by the same variances, or that weighted by the information which noise
+alone leaves (DerSimonian & Kacker, Contemporary Clinical Trials 28 (2007) 105), whichever is less. The former counts
+most what a channel says in which little model error stands but which calibrated parameters shift that follow that of
+others; the latter a channel that is mostly model error. By the latter a cause that explains m times the misfit that it
+leaves has sizes that vary by 1 / sqrt(m) at most: all that they would explain if each channel had its own.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,8 +35,8 @@ class Constancy:
     ----------
     effect : its name
     z : normal deviate of Cochran's Q  [1]
-    variation : standard deviation of the sizes over their mean  [1]; among channels both weighted by the information on
-        them, among records the sizes unweighted
+    variation : standard deviation of the sizes over their mean  [1]; among channels both weighted as the module says,
+        among records the sizes unweighted
     chi2 : by which the sum of squares would rise without the effect, to first order; infinite where it is absent only
         at an infinite size  [1]
     among : CHANNELS or RECORDS
@@ -88,10 +92,13 @@ def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
         return Constancy(candidate.name, 0.0, 0.0, chi2)
     sizes, covariance, freedom = _unrestricted(fit.residual, rows, common, fit.free(single))
     sizes = sizes + np.array([fit.value(names[k]) for k, _ in changed])
-    q, degrees, mean_chi2 = cochran(sizes, covariance, np.array([k for k, _ in changed]))
+    same = np.array([k for k, _ in changed])
+    q, degrees, mean_chi2 = cochran(sizes, covariance, same)
     least = max(MIN_DEGREES_OF_FREEDOM, float(freedom.min()))
     z = float(deviate(q * (least - 2.0) / least, degrees))
-    return Constancy(candidate.name, z, variation(q, degrees, mean_chi2), chi2)
+    own_part = Projection(common)(fit.free(single))
+    by_noise = _variation_by_information(sizes, covariance, own_part.T @ own_part, same)
+    return Constancy(candidate.name, z, min(variation(q, degrees, mean_chi2), by_noise), chi2)
 
 
 def _changes(alone: np.ndarray, column: np.ndarray) -> bool:
@@ -128,9 +135,9 @@ def _unrestricted(
     return step[-m:], covariance[-m:, -m:], freedom[-m:]
 
 
-def variation(q: float, degrees: int, mean_chi2: float) -> float:
-    """Standard deviation of sizes over their mean, by Cochran's Q and the chi-square of the weighted mean  [1]."""
-    return float(np.sqrt(max(0.0, q - degrees) / max(mean_chi2, 1e-300)))
+def variation(q: float, expected: float, mean_chi2: float) -> float:
+    """Standard deviation of sizes over their mean, by Q, what it is for equal ones, and chi-square of the mean  [1]."""
+    return float(np.sqrt(max(0.0, q - expected) / max(mean_chi2, 1e-300)))
 
 
 def cochran(sizes: np.ndarray, covariance: np.ndarray, parameter: np.ndarray) -> tuple[float, int, float]:
@@ -141,8 +148,23 @@ def cochran(sizes: np.ndarray, covariance: np.ndarray, parameter: np.ndarray) ->
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     scales = np.outer(scale, scale)
     weight = np.linalg.pinv(covariance / scales, rcond=CONSTANCY_RANK_TOLERANCE, hermitian=True) / scales
+    q, mean_chi2, _ = _about_their_mean(sizes, weight, parameter)
+    return q, len(sizes) - int(parameter.max() + 1), mean_chi2
+
+
+def _variation_by_information(
+    sizes: np.ndarray, covariance: np.ndarray, information: np.ndarray, parameter: np.ndarray
+) -> float:
+    """Variation of sizes (m,) weighted by the information (m, m) on them, with what their covariance makes of Q."""
+    q, mean_chi2, within = _about_their_mean(sizes, information, parameter)
+    return variation(q, float(np.sum(within * covariance)), mean_chi2)
+
+
+def _about_their_mean(sizes: np.ndarray, weight: np.ndarray, parameter: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """Weighted sums of squares about the means and of the means, and the form (m, m) that gives the former."""
     groups = (parameter[:, None] == np.arange(parameter.max() + 1)).astype(float)
     information = groups.T @ weight @ groups
     mean = np.linalg.lstsq(information, groups.T @ weight @ sizes, rcond=None)[0]
+    within = weight - weight @ groups @ np.linalg.lstsq(information, groups.T @ weight, rcond=None)[0]
     deviation = sizes - groups @ mean
-    return float(deviation @ weight @ deviation), len(sizes) - groups.shape[1], float(mean @ information @ mean)
+    return float(deviation @ weight @ deviation), float(mean @ information @ mean), within

@@ -69,6 +69,27 @@ def test_a_size_that_is_another_one_in_a_channel_is_seen_in_that_effect_alone(in
     assert other.z < 4.0
 
 
+def test_another_size_in_a_channel_that_hardly_shows_the_effect_is_significant_and_no_variation():
+    """Model error hides the size in the other channels; that of the quiet one is exact, and explains little."""
+    rng = np.random.default_rng(0)
+    quiet = OWNER == 2
+    one = rng.standard_normal(OWNER.size) * np.where(quiet, 0.1, 1.0)
+    columns = np.column_stack([rng.standard_normal(OWNER.size) / 30.0, one, np.zeros(OWNER.size)])
+    data = 5.0 * one * np.where(quiet, 2.0, 1.0) + rng.standard_normal(OWNER.size) * np.where(quiet, 0.01, 2.0)
+    sizes = np.linalg.lstsq(columns, data, rcond=None)[0]
+    fit = SimpleNamespace(
+        columns=columns,
+        names=("stiffness", "one", "other"),
+        candidates=(effect(free=("one",)),),
+        free=lambda c: c,
+        value=dict(zip(("stiffness", "one", "other"), sizes, strict=True)).get,
+        residual=Projection(columns[:, :2])(data),
+    )
+    [own] = constancies(EVIDENCE, fit)
+    assert own.z > 10.0
+    assert own.variation < 0.1
+
+
 def test_the_chi_square_of_an_effect_is_the_rise_without_it():
     [one, other] = constancies(EVIDENCE, fitted(np.tile(SIZES, (ROWS, 1))))
     assert one.chi2 == pytest.approx(25.0, rel=0.5)
