@@ -3,12 +3,14 @@
 Several effects together may imitate one that is no candidate, but hardly with the same sizes everywhere. The sizes of
 one effect are freed in each channel of each record, all else being common, and compared by Cochran's Q, whose variances
 are those of the standard errors: they include the model error beside the noise (Cochran, Biometrics 10 (1954) 101).
-Q tests whether sizes differ; by how much, relative to the size, is a moment estimator: that of DerSimonian & Laird,
-Controlled Clinical Trials 7 (1986) 177, weighted by the same variances, or that weighted by the information which noise
-alone leaves (DerSimonian & Kacker, Contemporary Clinical Trials 28 (2007) 105), whichever is less. The former counts
-most what a channel says in which little model error stands but which calibrated parameters shift that follow that of
-others; the latter a channel that is mostly model error. By the latter a cause that explains m times the misfit that it
-leaves has sizes that vary by 1 / sqrt(m) at most: all that they would explain if each channel had its own.
+Q tests whether sizes differ; by how much, relative to the size, is their weighted standard deviation over their
+weighted mean, Q less its expectation where all are equal (moments, as DerSimonian & Laird, Controlled Clinical Trials 7
+(1986) 177, and for weights that are no inverse variances DerSimonian & Kacker, Contemporary Clinical Trials 28 (2007)
+105). Weights are the inverse of those variances, or the information that noise alone leaves. The former count most what
+a channel says in which little model error stands, but which calibrated parameters shift that follow the model error of
+others; the latter a channel that is mostly model error. Only where both differ do sizes differ for another reason. By
+the latter, sizes vary by 1 / sqrt(m) at most, where the cause explains m times the misfit that it leaves: all that
+would be explained if each channel had its own. From m = 9 on no difference among channels refutes a single cause.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,11 +37,12 @@ class Constancy:
     ----------
     effect : its name
     z : normal deviate of Cochran's Q  [1]
-    variation : standard deviation of the sizes over their mean  [1]; among channels both weighted as the module says,
-        among records the sizes unweighted
+    variation : standard deviation of the sizes over their mean  [1]; among channels both weighted by the inverse of
+        their variances, among records the sizes unweighted
     chi2 : by which the sum of squares would rise without the effect, to first order; infinite where it is absent only
         at an infinite size  [1]
     among : CHANNELS or RECORDS
+    variation_by_noise : among channels, `variation` weighted by the information that noise leaves  [1]
     """
 
     effect: str
@@ -47,6 +50,7 @@ class Constancy:
     variation: float
     chi2: float
     among: str = CHANNELS
+    variation_by_noise: float = np.inf
 
 
 def differing(
@@ -69,7 +73,11 @@ def differing(
         CHANNELS: 0.0 if explained_by_several else CRITERIA.max_variation,
         RECORDS: CRITERIA.max_variation if is_remainder_significant else 0.0,
     }
-    return tuple(c for c in tested if c.z > threshold and c.variation > least[c.among])
+    return tuple(
+        c for c in tested
+        if c.z > threshold
+        and (least[c.among] == 0.0 or min(c.variation, c.variation_by_noise) > least[c.among])
+    )  # fmt: skip
 
 
 def constancies(evidence: Evidence, fit: Fit) -> tuple[Constancy, ...]:
@@ -98,7 +106,7 @@ def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
     z = float(deviate(q * (least - 2.0) / least, degrees))
     own_part = Projection(common)(fit.free(single))
     by_noise = _variation_by_information(sizes, covariance, own_part.T @ own_part, same)
-    return Constancy(candidate.name, z, min(variation(q, degrees, mean_chi2), by_noise), chi2)
+    return Constancy(candidate.name, z, variation(q, degrees, mean_chi2), chi2, variation_by_noise=by_noise)
 
 
 def _changes(alone: np.ndarray, column: np.ndarray) -> bool:
@@ -136,7 +144,7 @@ def _unrestricted(
 
 
 def variation(q: float, expected: float, mean_chi2: float) -> float:
-    """Standard deviation of sizes over their mean, by Q, what it is for equal ones, and chi-square of the mean  [1]."""
+    """Standard deviation of sizes over their mean  [1], by Q, that of equal ones, and chi-square of the mean."""
     return float(np.sqrt(max(0.0, q - expected) / max(mean_chi2, 1e-300)))
 
 

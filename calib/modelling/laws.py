@@ -35,7 +35,6 @@ every simulator.
 """
 
 import importlib
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import overload
@@ -43,10 +42,6 @@ from typing import overload
 import numpy as np
 from numba import njit
 from numba.core import types
-from numba.core.errors import NumbaExperimentalFeatureWarning
-
-# Slots are filled with first-class functions, which numba announces as experimental at each compilation.
-warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 MAX_LAW_PARAMETERS = 80  # numbers per law: a free function of two arguments takes 78
 LAW_PARAMETERS = 8  # numbers that a row holds at least: rows of usual laws lie side by side in the processor's cache

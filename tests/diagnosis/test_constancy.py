@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from calib.diagnosis.constancy import constancies
+from calib.diagnosis.constancy import constancies, differing
+from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.score import Projection
 
 ROWS, LENGTH = 4, 300
@@ -69,13 +70,13 @@ def test_a_size_that_is_another_one_in_a_channel_is_seen_in_that_effect_alone(in
     assert other.z < 4.0
 
 
-def test_another_size_in_a_channel_that_hardly_shows_the_effect_is_significant_and_no_variation():
+def test_another_size_in_a_channel_that_hardly_shows_the_effect_is_significant_and_explains_little():
     """Model error hides the size in the other channels; that of the quiet one is exact, and explains little."""
     rng = np.random.default_rng(0)
     quiet = OWNER == 2
     one = rng.standard_normal(OWNER.size) * np.where(quiet, 0.1, 1.0)
     columns = np.column_stack([rng.standard_normal(OWNER.size) / 30.0, one, np.zeros(OWNER.size)])
-    data = 5.0 * one * np.where(quiet, 2.0, 1.0) + rng.standard_normal(OWNER.size) * np.where(quiet, 0.01, 2.0)
+    data = 5.0 * one * np.where(quiet, 3.0, 1.0) + rng.standard_normal(OWNER.size) * np.where(quiet, 0.01, 4.0)
     sizes = np.linalg.lstsq(columns, data, rcond=None)[0]
     fit = SimpleNamespace(
         columns=columns,
@@ -87,7 +88,10 @@ def test_another_size_in_a_channel_that_hardly_shows_the_effect_is_significant_a
     )
     [own] = constancies(EVIDENCE, fit)
     assert own.z > 10.0
-    assert own.variation < 0.1
+    assert own.variation > CRITERIA.max_variation
+    assert own.variation_by_noise < 0.5 * CRITERIA.max_variation
+    assert differing([own], 3.0, explained_by_several=False) == ()
+    assert differing([own], 3.0, explained_by_several=True) == (own,)
 
 
 def test_the_chi_square_of_an_effect_is_the_rise_without_it():

@@ -103,11 +103,11 @@ def memory(problem: Problem, state: ImpactState) -> np.ndarray:
 def with_memory(problem: Problem, state: ImpactState, values: np.ndarray) -> ImpactState:
     """Return the state with the `memory` that a motion ended with, also one with fewer or more force laws.
 
-    Laws that are added stand last: those before them go on from their states.
+    Laws take over states by their position: those before one that is added or left out go on from their own.
     """
     of_a_law = math.prod(state.z.shape[1:])
     if values.size % of_a_law == 1:
-        if values[-1] > 0.0 and state.counters[REGIME] != FREE:
+        if remembers_speed(problem) and values[-1] > 0.0 and state.counters[REGIME] != FREE:
             state.clock[CLOSING] = values[-1]
         values = values[:-1]
     if values.size % of_a_law == 0:

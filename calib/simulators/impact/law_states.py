@@ -29,9 +29,9 @@ NEUTRAL = 1e-9  # singular value of I - M below which a state keeps its start: a
 
 
 class LawAtPlace(NamedTuple):
-    """A law with states at a place: its slot, the number of the place, and how many states it has."""
+    """A law with states at a place: its number, that of the place, and how many states it has."""
 
-    slot: int
+    law: int
     place: int
     states: int
 
@@ -41,13 +41,13 @@ def at_places(law_states: Sequence[tuple[int, int, int]], columns: Sequence[int]
 
     Parameters
     ----------
-    law_states : (slot, coordinate or port, index) of each state, in their order in the state of the period map
+    law_states : (law, coordinate or port, index) of each state, in their order in the state of the period map
     columns : coordinate or port of each place
     """
     found: dict[tuple[int, int], int] = {}
-    for slot, column, _ in law_states:
-        found[slot, column] = found.get((slot, column), 0) + 1
-    return [LawAtPlace(slot, columns.index(column), count) for (slot, column), count in found.items()]
+    for law, column, _ in law_states:
+        found[law, column] = found.get((law, column), 0) + 1
+    return [LawAtPlace(law, columns.index(column), count) for (law, column), count in found.items()]
 
 
 class StatePath(NamedTuple):
@@ -75,7 +75,7 @@ def state_path(
 
     Parameters
     ----------
-    law : in its slot, with its parameters
+    law : its address, with its parameters
     times, position, rate : (m,) instants, evenly over one period, and motion at the place
     steps : differences of position [m] and rate [m/s]
     """

@@ -44,7 +44,7 @@ class ImpactMap:
     bodies : of the simulator; `free`, indices of those whose displacement is a coordinate
     names, units : of the state's components
     scale, initial : (dimension,)
-    law_states : (slot, coordinate or port, index) of each internal state of the force laws
+    law_states : (law, coordinate or port, index) of each internal state of the force laws
     channels : rows (k, 2 n + 2) of the kernel at times (k,) since phase zero [s] -> displacement, velocity (body, k)
     """
 
@@ -196,14 +196,14 @@ def impact_map(
     """
     n = len(free)
     law_states = tuple(
-        (slot, j, k)
-        for slot, law in enumerate(at_site(laws, "force"))
+        (i, j, k)
+        for i, law in enumerate(at_site(laws, "force"))
         for j in range(n + 1)
-        for k in range(law.states if problem.acts[slot, j] else 0)
+        for k in range(law.states if problem.acts[i, j] else 0)
     )
     names = [f"{bodies[i]}.{channel}" for channel in ("displacement", "velocity") for i in free]
     places = [*(bodies[i] for i in free), PORT]
-    names += [f"{places[j]}.law {slot + 1} state {k + 1}" for slot, j, k in law_states]
+    names += [f"{places[j]}.law {i + 1} state {k + 1}" for i, j, k in law_states]
     units = ("m",) * n + ("m/s",) * n + ("1",) * len(law_states)
     scale = [np.full(n, length), np.full(n, length * problem.omega), np.ones(len(law_states))]
     if remembers_speed(problem):

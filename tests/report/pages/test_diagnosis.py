@@ -217,10 +217,10 @@ def test_a_separation_below_the_scale_is_marked_and_not_drawn_as_data():
 def test_the_terminal_says_which_suspects_the_simulator_refused_and_why(tmp_path):
     said = document("one_of", VALUES)
     for suspect in said["suspects"][:2]:
-        suspect["reason"] = "refused: simulator 'own' takes no law with internal states"
+        suspect["reason"] = "refused: simulator 'own' takes no force laws with internal states"
     show(result(said), tmp_path, None, Console(file=(shown := io.StringIO()), width=200))
     names = ", ".join(suspect["effect"] for suspect in said["suspects"][:2])
-    assert f"not tested: {names}; simulator 'own' takes no law with internal states" in shown.getvalue()
+    assert f"not tested: {names}; simulator 'own' takes no force laws with internal states" in shown.getvalue()
     assert shown.getvalue().count("not tested: ") == 1
 
 
