@@ -11,7 +11,7 @@ from calib.simulators.law_calls import acting, addresses
 LONG = 78  # numbers of a free function of two arguments
 SITES = {
     "gap": "gap_offset",
-    "contact": "adhesion",
+    "contact": "contact_compliance",
     "excitation": "drive_harmonic_2",
     "restitution": "rate_restitution",
 }
