@@ -16,10 +16,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from benchmarks.window_cases import CASES, DIM, WindowCase, half_widths, sobol, true_share
+from benchmarks.window_cases import CASES, DIM, WindowCase, sobol, true_share
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.gaussian_process import GaussianProcessClassifier
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
+from stated_interval import half_widths
 from threadpoolctl import threadpool_limits
 
 from calib.confidence.window.design import WindowDesign, space_filling, start_points
@@ -40,13 +41,13 @@ class WindowOutcome(NamedTuple):
     ----------
     misclassified : over the admissible volume  [1]
     interval : ends of the stated 95 % interval, over the true share  [1]; None where none is stated
-    half_widths : error of the stated share over the half of its interval on that side  [1]
+    error : of the stated share over the half of its interval on that side  [1]
     stated : expected misclassified volume over the stated share  [1]
     """
 
     misclassified: float
     interval: tuple[float, float] | None = None
-    half_widths: float = float("nan")
+    error: float = float("nan")
     stated: float = float("nan")
 
 
@@ -136,7 +137,7 @@ def print_outcomes(case: WindowCase, method: str, seeds: range, evaluations: lis
         line = f"{case.name:8} {method:20} {number:5}: {np.median(wrong):.1%}, at most {wrong.max():.1%}"
         if own[0].interval is not None:
             line += f", stated {np.median([one.stated for one in own]):.1%}"
-            line += f", interval honest in {sum(one.half_widths <= 1.0 for one in own)} of {len(own)}"
+            line += f", interval honest in {sum(one.error <= 1.0 for one in own)} of {len(own)}"
         print(f"{line} ({seconds:.0f} s CPU a seed)", flush=True)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.stats import qmc
 
 from calib.confidence.window.observed import Observed, graded
-from calib.confidence.window.share import VolumeShare
 
 TRUTH_POINTS = 1 << 20  # of a quasi-random estimate of a volume; its standard error is 1e-2 of the least one
 TRUTH_ESTIMATES = 16  # with scramblings of their own, of which a true volume is the mean
@@ -59,16 +58,6 @@ def true_share(case: WindowCase) -> float:
     low, high = np.array(case.box)
     estimates = [case.admissible(case.points(TRUTH_POINTS, seed)).mean() for seed in range(TRUTH_ESTIMATES)]
     return float(np.prod(high - low) * np.mean(estimates))
-
-
-def half_widths(share: VolumeShare, truth: float) -> float:
-    """Error of a stated share over the half of its 95 % interval on that side  [1].
-
-    Which points a design asks for depends on the last digits of the processor, so that each machine draws anew: a test
-    that asks for less than 1 fails on one of twenty. Of a normal error 2 is exceeded by one in ten thousand.
-    """
-    half = share.high - share.value if truth > share.value else share.value - share.low
-    return abs(truth - share.value) / half
 
 
 def _grazing(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

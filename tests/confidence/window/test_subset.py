@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from benchmarks.window_cases import half_widths
 from scipy.special import gammaln
 from scipy.stats import qmc
+from stated_interval import half_widths
 
 from calib.confidence.window.observed import Observed
 from calib.confidence.window.region import emulated
