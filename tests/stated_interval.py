@@ -18,8 +18,8 @@ def half_widths(estimate: Estimate, truth: float) -> float:
     """Error of an estimate over the half of its 95 % interval on that side  [1]; 0 without an error.
 
     What is drawn, searched or fitted step by step depends on the last digits of the processor, so that each machine
-    draws anew: a test that asks for less than 1 fails on one of twenty. Of a normal error 2 is exceeded by one in ten
-    thousand.
+    draws anew: of such an estimate a test that asks for less than 1 fails on one of twenty. Of a normal error 2 is
+    exceeded by one in ten thousand.
     """
     error = abs(truth - estimate.value)
     half = estimate.high - estimate.value if truth > estimate.value else estimate.value - estimate.low

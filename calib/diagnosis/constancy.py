@@ -98,14 +98,15 @@ def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
     chi2 = _chi2(fit, candidate.effect.null, names, Projection(common)(fit.free(everywhere)))
     if len(changed) <= len(own):
         return Constancy(candidate.name, 0.0, 0.0, chi2)
-    sizes, covariance, freedom = _unrestricted(fit.residual, rows, common, fit.free(single))
+    single = fit.free(single)
+    sizes, covariance, freedom = _unrestricted(fit.residual, rows, common, single)
     sizes = sizes + np.array([fit.value(names[k]) for k, _ in changed])
-    same = np.array([k for k, _ in changed])
-    q, degrees, mean_chi2 = cochran(sizes, covariance, same)
+    parameter = np.array([k for k, _ in changed])
+    q, degrees, mean_chi2 = cochran(sizes, covariance, parameter)
     least = max(MIN_DEGREES_OF_FREEDOM, float(freedom.min()))
     z = float(deviate(q * (least - 2.0) / least, degrees))
-    own_part = Projection(common)(fit.free(single))
-    by_noise = _variation_by_information(sizes, covariance, own_part.T @ own_part, same)
+    beside_common = Projection(common)(single)
+    by_noise = _variation_by_information(sizes, covariance, beside_common.T @ beside_common, parameter)
     return Constancy(candidate.name, z, variation(q, degrees, mean_chi2), chi2, variation_by_noise=by_noise)
 
 
