@@ -106,19 +106,27 @@ class SeriesSweep:
         return curve.state(start.z) if start is not None and start.stable and start.clearance >= 0.0 else None
 
     def stretch(self, frequency: float, state: np.ndarray) -> SeriesStretch | None:
-        """Follow the stable motion through a state of the section to its end; None where no series describes it."""
+        """Follow the stable motion through a state of the section to its end; None where no series describes it.
+
+        With more harmonics a stretch to the edge of the window is sought beside that of fewer.
+        """
+        fewer = None
         for harmonics in SERIES_HARMONICS:
             balance = HarmonicBalance(self.system, harmonics)
-            y = self._coefficients(balance, frequency, state)
-            found = at_own_scale(self._linear_size, partial(self._followed, balance, y, frequency))
-            if found is None or not _is_stable(found[1]):
-                return None
-            curve, way = found
-            motions, end = way.points, way.marks[0][1].kind if way.marks else ""
-            largest = max(motions, key=lambda motion: float(np.abs(motion.z[:-1]).max()))
-            looked_at = (curve.unpacked(motion.z) for motion in (motions[0], largest, motions[-1]))
-            if all(balance.left_out(*motion) <= MAX_LEFT_OUT for motion in looked_at):
-                return self._stretch(curve, np.array([motion.z for motion in motions]), end)
+            found = self._beside(balance, fewer) if fewer else None
+            if found is None:
+                y = self._coefficients(balance, frequency, state)
+                followed = at_own_scale(self._linear_size, partial(self._followed, balance, y, frequency))
+                if followed is None or not _is_stable(followed[1]):
+                    return None
+                curve, way = followed
+                z, end = np.array([motion.z for motion in way.points]), way.marks[0][1].kind if way.marks else ""
+            else:
+                (curve, z), end = found, ""
+            own = self._stretch(curve, z, end)
+            if _is_described(curve, z):
+                return own
+            fewer = None if end else own
         return None
 
     def beside(self, known: SeriesStretch) -> SeriesStretch | None:
@@ -131,24 +139,27 @@ class SeriesSweep:
         whole = not known.end and {*known.frequency[[0, -1]].tolist()} == {*self.window}
         if not whole or modes != len(self.system.stiffness):
             return None
-        balance = HarmonicBalance(self.system, (size - 1) // 2)
+        found = self._beside(HarmonicBalance(self.system, (size - 1) // 2), known)
+        return self._stretch(*found, "") if found and _is_described(*found) else None
+
+    def _beside(self, balance: HarmonicBalance, known: SeriesStretch) -> tuple[_StableCurve, np.ndarray] | None:
+        """Curve, and points (m, d) of its stable stretch beside a known one of at most as many harmonics."""
         curve = self._curve(balance, known.scale)
+        further = [(0, 0), (0, 0), (0, balance.size - known.coefficients.shape[-1])]
+        coefficients = np.pad(known.coefficients, further)
         found = neighbour_curve(
-            curve,
-            np.array([curve.packed(*own) for own in zip(known.coefficients, known.frequency.tolist(), strict=True)]),
+            curve, np.array([curve.packed(*own) for own in zip(coefficients, known.frequency.tolist(), strict=True)])
         )
         if found is None:
             return None
         z, forces = found
-        largest = int(np.argmax(np.abs(z[:, :-1]).max(axis=1)))
         coefficients, omega, amplitude = curve.unpacked_all(z)
-        suits = MIN_SIZE_RATIO <= np.abs(z[largest, :-1]).max() <= MAX_SIZE_RATIO
+        suits = MIN_SIZE_RATIO <= np.abs(z[:, :-1]).max() <= MAX_SIZE_RATIO
         close = np.linalg.norm(np.diff(z, axis=0), axis=1).max() <= MAX_SPACING_RATIO * self.longest_step
         stable = all(
             abs(balance.multipliers_by(*own)[0]) < 1.0 for own in zip(forces, omega.tolist(), strict=True)
         ) and all(balance.clearance(*own) >= 0.0 for own in zip(coefficients, amplitude.tolist(), strict=True))
-        described = all(balance.left_out(*curve.unpacked(z[at])) <= MAX_LEFT_OUT for at in (0, largest, -1))
-        return self._stretch(curve, z, "") if suits and close and stable and described else None
+        return (curve, z) if suits and close and stable else None
 
     def _stretch(self, curve: SeriesCurve, z: np.ndarray, end: str) -> SeriesStretch:
         """Stretch of the motions at points (m, d) of a curve."""
@@ -181,6 +192,12 @@ class SeriesSweep:
         begin = self.setting.section_phase
         amplitudes = harmonics_of_cycle(self.setting, 1, balance.harmonics, frequency, self.level(frequency), state)[0]
         return balance.of_body_amplitudes(amplitudes, self._drive(frequency), begin)
+
+
+def _is_described(curve: SeriesCurve, z: np.ndarray) -> bool:
+    """Whether the harmonics left out hardly move the bodies at the ends of a stretch (m, d) and where it is largest."""
+    largest = int(np.argmax(np.abs(z[:, :-1]).max(axis=1)))
+    return all(curve.balance.left_out(*curve.unpacked(z[at])) <= MAX_LEFT_OUT for at in (0, largest, -1))
 
 
 def _is_stable(way: OneWay[SeriesMotion]) -> bool:

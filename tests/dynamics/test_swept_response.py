@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from calib.dynamics import swept_response as swept_response_module
 from calib.dynamics import swept_series
+from calib.dynamics.arclength import run
 from calib.dynamics.series_curve import modal_system
 from calib.dynamics.setting import Setting
 from calib.dynamics.swept_response import level_over_frequency, swept_curves, swept_response
@@ -116,7 +117,12 @@ def test_harmonics_are_added_until_those_left_out_hardly_move_the_mass(monkeypat
     model, values = Model(Oscillator(), [COULOMB_FRICTION]), {**VALUES, "friction": 0.05, "friction_slip": 1e-3}
     setting = Setting(model, FORCE, values)
     sweep = SeriesSweep(setting, modal_system(setting, 2.8, 0.2), 0.2, (2.8, 3.6), 1.0, lambda _: 0.2)
-    stretch = sweep.stretch(2.8, sweep.first(2.8))
+    followed = []
+    with monkeypatch.context() as patch:
+        patch.setattr(swept_series, "run", lambda *way: followed.append(way) or run(*way))
+        stretch = sweep.stretch(2.8, sweep.first(2.8))
+    assert stretch.coefficients.shape[-1] > 2 * swept_series.SERIES_HARMONICS[0] + 1
+    assert len(followed) == 1  # with more harmonics it was found beside that of fewer
     monkeypatch.setattr(swept_series, "SERIES_HARMONICS", (127,))
     expected = sweep.stretch(2.8, sweep.first(2.8))
     monkeypatch.setattr(swept_series, "SERIES_HARMONICS", (7,))
