@@ -108,7 +108,8 @@ class SeriesSweep:
     def stretch(self, frequency: float, state: np.ndarray) -> SeriesStretch | None:
         """Follow the stable motion through a state of the section to its end; None where no series describes it.
 
-        With more harmonics a stretch to the edge of the window is sought beside that of fewer.
+        With more harmonics a stretch to the edge of the window is sought beside that of fewer; not where forces have
+        internal states, whose motion fewer harmonics may have left unresolved.
         """
         fewer = None
         for harmonics in SERIES_HARMONICS:
@@ -126,7 +127,7 @@ class SeriesSweep:
             own = self._stretch(curve, z, end)
             if _is_described(curve, z):
                 return own
-            fewer = None if end else own
+            fewer = None if end or self.system.marched else own
         return None
 
     def beside(self, known: SeriesStretch) -> SeriesStretch | None:
