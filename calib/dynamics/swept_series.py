@@ -108,8 +108,9 @@ class SeriesSweep:
     def stretch(self, frequency: float, state: np.ndarray) -> SeriesStretch | None:
         """Follow the stable motion through a state of the section to its end; None where no series describes it.
 
-        With more harmonics a stretch to the edge of the window is sought beside that of fewer; not where forces have
-        internal states, whose motion fewer harmonics may have left unresolved.
+        With more harmonics a stretch to the edge of the window is sought beside that of fewer. Not so where forces have
+        internal states: that the instants do not resolve those shows in ever shorter steps along the curve, and not in
+        the harmonics left out.
         """
         fewer = None
         for harmonics in SERIES_HARMONICS:
@@ -124,10 +125,9 @@ class SeriesSweep:
                 z, end = np.array([motion.z for motion in way.points]), way.marks[0][1].kind if way.marks else ""
             else:
                 (curve, z), end = found, ""
-            own = self._stretch(curve, z, end)
             if _is_described(curve, z):
-                return own
-            fewer = None if end or self.system.marched else own
+                return self._stretch(curve, z, end)
+            fewer = None if end or self.system.marched else self._stretch(curve, z, end)
         return None
 
     def beside(self, known: SeriesStretch) -> SeriesStretch | None:
