@@ -121,6 +121,16 @@ def reading(unit: str, size: float) -> tuple[float, str]:
     return (MICRO if 0.0 < abs(size) < MICRO_BELOW else MILLI).get(unit, (1.0, unit))
 
 
+def shown_unit(unit: str, largest: float) -> tuple[float, str]:
+    """Factor and unit for an axis of SI values up to `largest`: mm, ms, g to 0.5 m, s, kg; um, us, mg if tiny."""
+    if unit == "kg" and abs(largest) <= 5e-4:
+        return 1e6, "mg"
+    if unit in MICRO and 0.0 < abs(largest) < MICRO_BELOW:
+        return MICRO[unit]
+    small = {**MILLI, "kg": (1e3, "g")}
+    return small[unit] if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
+
+
 def is_si(unit: str) -> bool:
     """Whether `unit` is a coherent SI unit, such as ``"m/s"`` or ``"V"``: no factor stands between it and the base."""
     return _parse(f"1 {unit}", unit).to_base_units().magnitude == 1.0

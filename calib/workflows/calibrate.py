@@ -16,7 +16,7 @@ from calib.execution.files import whole
 from calib.execution.pool import Failure, in_order
 from calib.objective import Objective, record_misfit
 from calib.records import OK, failed, is_response
-from calib.report import render
+from calib.report.pages.page import render
 from calib.report.plots.motion import trial_picture
 from calib.store import Header, Store, Trial, read
 from calib.store.trial import best

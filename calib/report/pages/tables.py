@@ -11,11 +11,10 @@ from calib.confidence.local import MAX_EDGE_DISTANCE
 from calib.modelling.parameter import Window
 from calib.records import OK
 from calib.report.formatting import measured_number, number, number_beside, raised
-from calib.report.plots.style import shown_unit
 from calib.store import Header, Trial
 from calib.store.trial import failures as by_cause
 from calib.study import CalibrationResult, CalibrationStudy, UndeterminedGroup, UnreachableFeature
-from calib.units import MILLI, shown
+from calib.units import MILLI, shown, shown_unit
 
 MAX_LISTED_TRIALS = 8  # numbers of failed trials that a row lists
 

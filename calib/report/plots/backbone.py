@@ -9,9 +9,9 @@ from matplotlib.lines import Line2D
 from calib.dynamics.backbone_dataset import PHASE_RESONANCE
 from calib.report.plots.continuation import DASHED, stability_line
 from calib.report.plots.response import LEVELS, LIGHTEST
-from calib.report.plots.style import LINE, STYLE, shown_unit
+from calib.report.plots.style import LINE, STYLE
 from calib.report.plots.sweeps import BESIDE, WIDE_FIGURE_WIDTH, channel_scale
-from calib.units import plain_number
+from calib.units import plain_number, shown_unit
 
 
 def backbone_figure(curves: xr.Dataset) -> Figure:

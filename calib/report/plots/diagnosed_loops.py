@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from calib.report.plots.diagnosed_cycles import ComparedCycle, compared_cycle, state_rows
 from calib.report.plots.diagnosed_residuals import dot_entry, line_entry
-from calib.report.plots.style import EXTENDED, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, shown_unit
+from calib.report.plots.style import EXTENDED, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look
+from calib.units import shown_unit
 
 MAX_COLOUR_SIGMAS = 8.0  # standard deviations at which the colour of a loop is darkest, at most
 SHADES = LinearSegmentedColormap.from_list("misfit", ["#d9d9d9", "#F0C44B", "#D55E00", "#7a1f00"])

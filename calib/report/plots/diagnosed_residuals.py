@@ -23,10 +23,10 @@ from calib.report.plots.style import (
     TEXT_WIDTH,
     Look,
     line,
-    shown_unit,
     spot,
     thin,
 )
+from calib.units import shown_unit
 
 NOISE, NOISE_OF_MEAN = "#e4e4e4", "#c2c2c2"  # bands of the noise of a sample, and of the mean of the cycles
 MAX_RESIDUAL_DOTS = 1500  # samples drawn as dots in one panel

@@ -13,18 +13,8 @@ from matplotlib.ticker import NullFormatter, NullLocator
 
 from calib.diagnosis.document import GainResult, ShiftResult
 from calib.report.formatting import raised, signed
-from calib.report.plots.style import (
-    EXTENDED,
-    LINE,
-    MARK,
-    MEASURED,
-    OTHER,
-    SIMULATED,
-    STYLE,
-    TEXT_WIDTH,
-    Look,
-    shown_unit,
-)
+from calib.report.plots.style import EXTENDED, LINE, MARK, MEASURED, OTHER, SIMULATED, STYLE, TEXT_WIDTH, Look
+from calib.units import shown_unit
 
 MAX_LINEAR_SHIFT = 200.0  # largest shift up to which the axis is linear  [standard errors]
 LINEAR_HEADROOM_RATIO, LOGARITHMIC_HEADROOM_RATIO = 1.3, 40.0  # end of an axis over the largest shift  [1]

@@ -12,7 +12,8 @@ from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult, F
 from calib.report.formatting import HALF_WIDTH_ERRORS_95, number, raised
 from calib.report.plots.formula import formula_lines
 from calib.report.plots.missing_force import SIGNS
-from calib.report.plots.style import LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH, shown_unit
+from calib.report.plots.style import LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH
+from calib.units import shown_unit
 
 BODY_LABELS = {"displacement": "Displacement", "velocity": "Velocity"}
 INTERFACE_LABELS = {"displacement": "Clearance", "velocity": "Rate of the clearance"}

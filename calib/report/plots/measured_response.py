@@ -14,8 +14,9 @@ from matplotlib.lines import Line2D
 
 from calib.execution.files import whole
 from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
-from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, png, shown_unit
+from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, png
 from calib.report.record_description import level_text
+from calib.units import shown_unit
 
 SWEEPS = mpl.colormaps["viridis"]  # colours of the sweeps, by rising level
 LIGHTEST_SWEEP = 0.82  # of the colour map: the yellow beyond it is too light on white  [1]

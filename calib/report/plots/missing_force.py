@@ -16,7 +16,8 @@ from scipy.signal import savgol_coeffs
 
 from calib.report.plots.diagnosed_cycles import compared_cycle, state_rows
 from calib.report.plots.diagnosed_residuals import MAX_RESIDUAL_DOTS
-from calib.report.plots.style import KINDS, LINE, STYLE, TEXT_WIDTH, Look, shown_unit, thin
+from calib.report.plots.style import KINDS, LINE, STYLE, TEXT_WIDTH, Look, thin
+from calib.units import shown_unit
 
 STATE_BINS = 10  # of displacement and velocity
 SIGNIFICANT_FORCE_Z = 4.0  # from which the mean over a bin is significant  [standard errors]

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from calib.confidence.document import MarginalResult, PosteriorResult
 from calib.report.formatting import raised
-from calib.report.plots.style import DPI, LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH, logarithmic, shown_unit, spot
+from calib.report.plots.style import DPI, LINE, MARK, SIMULATED, STYLE, TEXT_WIDTH, logarithmic, spot
+from calib.units import shown_unit
 
 BINS = 30  # of a histogram  [count]
 MIN_PANEL, MAX_PANEL = 1.1, 2.4  # side of a panel  [inch]

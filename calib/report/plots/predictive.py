@@ -12,7 +12,8 @@ from matplotlib.patches import Patch
 
 from calib.confidence.predictive import MIN_PREDICTIVE_TRUST
 from calib.records import STATE
-from calib.report.plots.style import DPI, KINDS, LINE, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, dots, shown_unit
+from calib.report.plots.style import DPI, KINDS, LINE, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, dots
+from calib.units import shown_unit
 
 BAND_PANEL_HEIGHT = 2.3  # of one body  [inch]
 LABEL_HEIGHT = 0.55  # of the legend or a title above the panels  [inch]

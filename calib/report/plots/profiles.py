@@ -22,8 +22,8 @@ from calib.report.plots.style import (
     STYLE,
     TEXT_WIDTH,
     logarithmic,
-    shown_unit,
 )
+from calib.units import shown_unit
 
 COLUMNS, PANEL_HEIGHT = 3, 2.1  # of the panels, and of one  [inch]
 TOP = 1.9  # of a panel, in quantiles  [1]

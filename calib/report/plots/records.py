@@ -5,7 +5,7 @@ import xarray as xr
 
 from calib.objective import Objective
 from calib.records import OK, channels, prescribed, stated_period
-from calib.report.plots.style import shown_unit
+from calib.units import shown_unit
 
 MAX_SPAN_IN_MS = 2.0  # s: longest interval whose time axis is in milliseconds
 

@@ -25,10 +25,10 @@ from calib.report.plots.style import (
     line,
     logarithmic,
     mark_impacts,
-    shown_unit,
     spot,
     thin,
 )
+from calib.units import shown_unit
 
 MAX_CLOUD_DOTS = 6000  # samples drawn as a (rasterised) cloud of dots
 MIN_TOLERANCE = 1e-4  # 1 - R^2 of a function regressed on 1, x and v, below which it counts as linear in them  [1]; the

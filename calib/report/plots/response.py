@@ -11,9 +11,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from calib.report.plots.continuation import DASHED, SPECIAL, Colour, stability_line
-from calib.report.plots.style import LINE, OTHER, STYLE, Look, shown_unit
+from calib.report.plots.style import LINE, OTHER, STYLE, Look
 from calib.report.plots.sweeps import BESIDE, WIDE_FIGURE_WIDTH, channel_scale, known_bodies
-from calib.units import plain_number
+from calib.units import plain_number, shown_unit
 
 LEVELS = mpl.colormaps["viridis"]  # colours of the levels
 LIGHTEST = 0.82  # of the colour map: the yellow beyond it is too light on white  [1]

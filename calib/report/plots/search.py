@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from calib.modelling.parameter import Parameter, Space, Window
-from calib.report.plots.style import FAILED, KINDS, LINE, MARK, OTHER, STYLE, TEXT_WIDTH, Look, logarithmic, shown_unit
+from calib.report.plots.style import FAILED, KINDS, LINE, MARK, OTHER, STYLE, TEXT_WIDTH, Look, logarithmic
 from calib.store import Trial
+from calib.units import shown_unit
 
 MAX_VECTOR_DOTS = 400  # dots in one panel beyond which they are rasterised
 LEGEND: Look = {"loc": "outside upper center", "markerscale": 1.7, "columnspacing": 1.2, "handletextpad": 0.4}

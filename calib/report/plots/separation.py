@@ -26,7 +26,8 @@ from calib.diagnosis.design_document import (
 from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, STEADY_TONE, STEPPED_SINE, SWEEP, WITHOUT_CONTACT
 from calib.diagnosis.measurement import FAILED, GRID, IRREGULAR, OK
 from calib.report.formatting import number
-from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, logarithmic, shown_unit
+from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, logarithmic
+from calib.units import shown_unit
 
 COLOURS = "cividis"  # from least to most separation; suits colour-blind readers
 MIN_AXIS_Z = 0.1  # lower end of the scale; smaller values are marked as below it  [standard deviations]

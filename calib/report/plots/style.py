@@ -18,8 +18,6 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from calib.units import MICRO, MICRO_BELOW, MILLI
-
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
 
@@ -62,16 +60,6 @@ STYLE: "dict[RcKeyType, Any]" = {
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
 }
-
-
-def shown_unit(unit: str, largest: float) -> tuple[float, str]:
-    """Factor and unit in which SI values up to `largest` are shown: mm, ms, g to 0.5 m, s, kg; um, us, mg if tiny."""
-    if unit == "kg" and abs(largest) <= 5e-4:
-        return 1e6, "mg"
-    if unit in MICRO and 0.0 < abs(largest) < MICRO_BELOW:
-        return MICRO[unit]
-    small = {**MILLI, "kg": (1e3, "g")}
-    return small[unit] if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
 
 
 def dots(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:

@@ -16,7 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from calib.errors import CalibError, nearest
-from calib.report.plots.style import LINE, OTHER, TEXT_WIDTH, Look, logarithmic, shown_unit
+from calib.report.plots.style import LINE, OTHER, TEXT_WIDTH, Look, logarithmic
+from calib.units import shown_unit
 
 WIDE_FIGURE_WIDTH = 1.2 * TEXT_WIDTH  # inch: of a figure in a file of its own
 FAILED = "failed"

@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from calib.confidence.window.document import ParameterTolerance, WindowResult
 from calib.report.plots.continuation import SPECIAL, stability_line
-from calib.report.plots.style import FAILED, LINE, MARK, STYLE, Look, shown_unit
+from calib.report.plots.style import FAILED, LINE, MARK, STYLE, Look
+from calib.units import shown_unit
 
 WINDOW_PANEL = 1.45  # inch, side of a panel
 LEGEND_COLUMNS = 3  # at most; one fewer than panels beside each other fits into the width

@@ -23,8 +23,8 @@ from calib.confidence.document import (
 )
 from calib.confidence.predictive import PredictedChannel
 from calib.records import make
-from calib.report import render
 from calib.report.pages.confidence import confidence_chapter, sampling_remarks
+from calib.report.pages.page import render
 from calib.report.plots.profiles import profiles_figure
 from calib.report.plots.style import png
 from calib.study import CalibrationResult

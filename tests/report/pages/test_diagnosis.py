@@ -23,13 +23,13 @@ from calib.diagnosis.part import Part
 from calib.diagnosis.suspect import Scored
 from calib.errors import CalibError
 from calib.records.excitation import Excitation
-from calib.report import render
 from calib.report.pages.diagnosis.chapter import chapter
 from calib.report.pages.diagnosis.conclusion import headline, left_out, points, stale
 from calib.report.pages.diagnosis.misfit import clocks
 from calib.report.pages.diagnosis.next_measurement import separation_text
 from calib.report.pages.diagnosis.sizes import disagreements
 from calib.report.pages.diagnosis.suspects import outcome
+from calib.report.pages.page import render
 from calib.report.plots.diagnosed_cycles import compared_cycle, compared_rows
 from calib.report.plots.diagnosed_residuals import residual_figure
 from calib.report.plots.missing_force import is_significant, missing_accelerations

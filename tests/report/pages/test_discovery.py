@@ -16,8 +16,8 @@ from calib.diagnosis.discovery.document import (
     TrialResult,
 )
 from calib.errors import CalibError
-from calib.report import render
 from calib.report.pages.discovery import discovery_chapter
+from calib.report.pages.page import render
 from calib.study import CalibrationResult
 
 X = np.linspace(-4e-3, 5e-3, 41)

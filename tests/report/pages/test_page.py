@@ -14,9 +14,9 @@ import pytest
 from calib.objective import MISFIT, Reference
 from calib.records.excitation import Excitation
 from calib.records.response import make_response
-from calib.report import render
 from calib.report.formatting import measured_number, number
 from calib.report.pages.base_study import BaseStudy
+from calib.report.pages.page import render
 from calib.report.pages.sections import MAX_DRAWN_BODIES, excitation_text, noise_text, record_section
 from calib.report.pages.tables import fixed
 from calib.report.pages.verdict import verdict

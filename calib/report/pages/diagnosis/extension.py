@@ -16,7 +16,7 @@ from calib.report.pages.diagnosis.sizes import (
 )
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.extension import CommonSize, RecordSize, misfit_change, sizes_by_record, value_shifts
-from calib.report.plots.style import shown_unit
+from calib.units import shown_unit
 
 GAIN = (
     "Misfit of data that the search for the cause did not use, before and after; only nuisances of those records "
