@@ -57,9 +57,14 @@ class Squares:
     @property
     def mean(self) -> float:
         """Mean over the samples that count of each channel, then over channels; NaN where none counts  [1]."""
-        total, count = self.total.sum(axis=1), self.count.sum(axis=1)
+        return float(self.resampled(np.ones((1, self.total.shape[1])))[0])
+
+    def resampled(self, times: np.ndarray) -> np.ndarray:
+        """Means (k,), as `mean`, with each segment taken as often as `times` (k, segment) says  [1]."""
+        total, count = times @ self.total.T, times @ self.count.T
         counted = count > 0.0
-        return float((total[counted] / count[counted]).mean()) if counted.any() else np.nan
+        means, channels = np.divide(total, count, out=np.zeros(total.shape), where=counted), counted.sum(axis=1)
+        return np.divide(means.sum(axis=1), channels, out=np.full(len(times), np.nan), where=channels > 0)
 
 
 def misfit(records: Sequence[Squares]) -> float:

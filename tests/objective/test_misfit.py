@@ -55,6 +55,17 @@ def test_samples_count_alike_however_they_are_cut_into_segments():
     )
 
 
+def test_segments_drawn_with_replacement_count_as_often_as_they_are_drawn():
+    rng = np.random.default_rng(0)
+    measured, simulated = rng.standard_normal((2, 3, 90))
+    weight, segments = np.ones((3, 90)), np.minimum(np.arange(90) // 20, 3)
+    weight[2, segments != 1] = 0.0  # a channel that counts in one segment alone
+    own = squares(measured, simulated, weight, segments)
+    drawn = rng.integers(4, size=(20, 4))
+    times = np.array([np.bincount(one, minlength=4) for one in drawn])
+    assert own.resampled(times) == pytest.approx([own.drawn(one).mean for one in drawn])
+
+
 def test_samples_without_weight_do_not_count():
     measured, weight = np.array([WAVE]), np.ones((1, TIME.size))
     simulated = measured.copy()
