@@ -21,16 +21,16 @@ def springpot(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np
     of the faster ones a dashpot.
     """
     w = 2.0 * math.pi * p[2]
-    a = p[1]
+    a, growth = p[1], POLE_RATIO ** p[1]
     pole = POLE_RATIO ** (-0.5 * (DIFFUSIVE_POLES - 1))  # the slowest, over w
     weight = math.sin(math.pi * a) / math.pi * math.log(POLE_RATIO) * pole**a
-    pull = weight / (POLE_RATIO**a - 1.0) * x
+    pull = weight / (growth - 1.0) * x
     for k in range(DIFFUSIVE_POLES):
         dz[k] = v - pole * w * z[k]
         pull += weight * z[k]
         pole *= POLE_RATIO
-        weight *= POLE_RATIO**a
-    pull += weight / (1.0 - POLE_RATIO ** (a - 1.0)) * v / (pole * w)
+        weight *= growth
+    pull += weight / (1.0 - growth / POLE_RATIO) * v / (pole * w)
     return -p[0] * pull
 
 

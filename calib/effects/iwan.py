@@ -6,7 +6,7 @@ from calib.modelling.effect import Effect
 from calib.modelling.laws import force
 from calib.modelling.parameter import Parameter
 
-FIRST_CELL_EDGE = 1.0 / 16.0  # of slip displacements, over the largest; each further edge is four times the last  [1]
+FIRST_CELL_EDGE, CELL_RATIO = 1.0 / 16.0, 4.0  # of slip displacements, over the largest; of an edge over the last  [1]
 POWER_LAW_SLIDERS = 3  # sliders that stand for the power law; a fourth is the last to slip
 
 
@@ -21,12 +21,14 @@ def joint(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.nda
     stiff, slip = p[2] + 1.0, p[2] + 2.0
     total = 1.0 / slip + p[3] / stiff
     pull, low, high = 0.0, 0.0, FIRST_CELL_EDGE
+    below, up_to, ratio = 0.0, FIRST_CELL_EDGE**stiff, CELL_RATIO**stiff  # the edges' powers chi + 1
     for k in range(POWER_LAW_SLIDERS + 1):
         share, distance = p[3] / stiff, 1.0  # the last slider
         if k < POWER_LAW_SLIDERS:
-            share = (high**slip - low**slip) / slip
-            distance = share * stiff / (high**stiff - low**stiff)
-            low, high = high, 4.0 * high
+            share = (high * up_to - low * below) / slip
+            distance = share * stiff / (up_to - below)
+            low, high = high, CELL_RATIO * high
+            below, up_to = up_to, ratio * up_to
         pull += share / total * z[k]
         dz[k] = v / (distance * p[1]) * (1.0 - z[k] * z[k] if v * z[k] > 0.0 else 1.0)
     return -p[0] * pull

@@ -195,8 +195,11 @@ def _marched(
                 z[i] += correction
                 largest = max(largest, abs(correction) / size[i])
             if largest <= STEP_CORRECTED:
+                for i in range(count):  # the rule itself tells the rates there
+                    dz[i] = (z[i] - known[i]) / half
                 break
-        force(law, times[k], x[k], v[k], p, z, dz)
+        else:
+            force(law, times[k], x[k], v[k], p, z, dz)
     return z[:count].copy()
 
 
