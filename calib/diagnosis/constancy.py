@@ -38,11 +38,10 @@ class Constancy:
     effect : its name
     z : normal deviate of Cochran's Q  [1]
     variation : standard deviation of the sizes over their mean  [1]; among channels both weighted by the inverse of
-        their variances, among records the sizes unweighted
+        their variances, or by the information that noise leaves, whichever differ less; among records unweighted
     chi2 : by which the sum of squares would rise without the effect, to first order; infinite where it is absent only
         at an infinite size  [1]
     among : CHANNELS or RECORDS
-    variation_by_noise : among channels, `variation` weighted by the information that noise leaves  [1]
     """
 
     effect: str
@@ -50,7 +49,6 @@ class Constancy:
     variation: float
     chi2: float
     among: str = CHANNELS
-    variation_by_noise: float = np.inf
 
 
 def differing(
@@ -76,7 +74,7 @@ def differing(
     return tuple(
         c for c in tested
         if c.z > threshold
-        and (least[c.among] == 0.0 or min(c.variation, c.variation_by_noise) > least[c.among])
+        and (least[c.among] == 0.0 or c.variation > least[c.among])
     )  # fmt: skip
 
 
@@ -107,7 +105,7 @@ def _constancy(evidence: Evidence, fit: Fit, index: int) -> Constancy:
     z = float(deviate(q * (least - 2.0) / least, degrees))
     beside_common = Projection(common)(single)
     by_noise = _variation_by_information(sizes, covariance, beside_common.T @ beside_common, parameter)
-    return Constancy(candidate.name, z, variation(q, degrees, mean_chi2), chi2, variation_by_noise=by_noise)
+    return Constancy(candidate.name, z, min(variation(q, degrees, mean_chi2), by_noise), chi2)
 
 
 def _changes(alone: np.ndarray, column: np.ndarray) -> bool:

@@ -310,7 +310,7 @@ class GainResult:
     records : names
     proven : whether that interval lies above zero
     each : record -> misfit before and after  [1]
-    failed : record -> why it could not be simulated
+    failed : record -> why it could not be simulated or compared
     unaffected : records that no cause changes
     """
 

@@ -13,19 +13,23 @@ from calib.modelling.modal_system import Forces
 
 MAX_CURVE_CORRECTIONS = 12  # of Newton's method, with the derivatives of an earlier step where these serve
 MAX_CHORD_REDUCTION = 0.1  # of the largest residual by a step, above which derivatives are taken anew  [1]
+MAX_MATRIX_ENTRIES = 20_000_000  # of the derivatives at all points, which are held together: 160 MB
 MAX_SPACING_RATIO = 2.0  # of distances between neighbours on one curve over those on the other, and the inverse  [1]
 
 
 def neighbour_curve(curve: SeriesCurve, known: np.ndarray) -> tuple[np.ndarray, list[Forces]] | None:
     """Points of a curve beside those of a known one, and the forces along their motions; None where none are found.
 
-    The first and the last point have the parameter of the known ones.
+    They are not sought where the derivatives at all points would take too much memory. The first and the last point
+    have the parameter of the known ones.
 
     Parameters
     ----------
     curve : of changed parameters
     known : (m, d), m >= 2, points of a curve, in the scaled coordinates of `curve`
     """
+    if len(known) * known.shape[1] ** 2 > MAX_MATRIX_ENTRIES:
+        return None
     z, normals, matrices, largest = known, _normals(known), np.zeros(0), np.inf
     for _ in range(MAX_CURVE_CORRECTIONS):
         forces, matrices = _linearised(curve, z, normals) if not matrices.size else (_forces(curve, z), matrices)
@@ -59,11 +63,12 @@ def _forces(curve: SeriesCurve, z: np.ndarray) -> list[Forces]:
 
 def _linearised(curve: SeriesCurve, z: np.ndarray, normals: np.ndarray) -> tuple[list[Forces], np.ndarray]:
     """Forces along the motions at points (m, d), and the derivatives (m, d, d) of the equations and planes there."""
-    forces, matrices = list[Forces](), list[np.ndarray]()
-    for point, normal in zip(z, normals, strict=True):
+    forces, matrices = list[Forces](), np.empty((*z.shape, z.shape[1]))
+    matrices[:, -1] = normals
+    for point, matrix in zip(z, matrices, strict=True):
         forces.append(curve.balance.forces(*curve.unpacked(point)))  # which the derivative asks for, too
-        matrices.append(np.vstack([curve.derivative(point), normal]))
-    return forces, np.array(matrices)
+        matrix[:-1] = curve.derivative(point)
+    return forces, matrices
 
 
 def _is_beside(z: np.ndarray, known: np.ndarray) -> bool:

@@ -45,6 +45,7 @@ MAX_BEND = 0.2  # distance of a motion from the extrapolated one, over that from
 NEGLIGIBLE_BEND = 1e-3  # the same over the size of the motion  [1]
 MIN_SWEEP_STEP = 0.002  # between two frequencies, over the window  [1]
 MAX_END_POINTS = 60  # one way of the curve on which the end of a stretch is found
+SAME_LEVEL = 1e-12  # relative difference of levels, by rounding  [1]
 MAX_SWEEP_CORRECTIONS = 8  # Newton steps at one frequency
 
 NOT_PERIODIC = "not periodic"  # status of a response one of whose sweeps meets no periodic motion
@@ -162,13 +163,15 @@ def level_over_frequency(frequency: np.ndarray, level: np.ndarray) -> Callable[[
     """Amplitude of the excitation at a frequency: a smooth curve through those measured, monotone between them.
 
     It is a curve without corners (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the logarithm, so that
-    the level stays above 0; beyond the ends it goes on with its slope there. Corners would be corners of the response,
+    the level stays above 0; beyond the ends it goes on with its slope there. At a frequency that was measured several
+    times it is the mean of the levels there. Corners would be corners of the response,
     at which its continuation ends.
     """
     known, place = np.unique(frequency, return_inverse=True)
     values = np.log(np.bincount(place, weights=level) / np.bincount(place))
-    if known.size == 1 or not np.ptp(values):
-        return lambda at: float(level[0])
+    if known.size == 1 or np.ptp(values) <= SAME_LEVEL:
+        constant = float(level[0]) if np.ptp(level) <= SAME_LEVEL * level[0] else math.exp(values[0])
+        return lambda at: constant
     curve = PchipInterpolator(known, values)
     ends = {at: (float(curve(at)), float(curve(at, 1))) for at in (float(known[0]), float(known[-1]))}
 

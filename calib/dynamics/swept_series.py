@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.dynamics.arclength import MAX_ARCLENGTH_STEP, Mark, OneWay, run
+from calib.dynamics.arclength import EDGE_ROUNDING, MAX_ARCLENGTH_STEP, Mark, OneWay, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.neighbour_curve import MAX_SPACING_RATIO, neighbour_curve
 from calib.dynamics.response import harmonics_of_cycle
@@ -31,7 +31,7 @@ from calib.modelling.modal_system import ModalSystem
 
 SERIES_HARMONICS = 7, 15, 31, 63  # of the series, the next where those left out are more than MAX_LEFT_OUT
 MAX_LEFT_OUT = 3e-4  # velocity by the harmonics left out over that of the motion  [1]
-MAX_STRETCH_POINTS = 400  # of one stable stretch
+MAX_STRETCH_LENGTH = 20.0  # of one stable stretch along its curve, in scaled coordinates
 STEP_SHARE = 0.5  # of the mean step between stops, where the level changes from one to the next  [1]
 SAME_MOTION = 0.02  # between the harmonics of a cycle and the series found from them, over its size  [1]
 
@@ -127,7 +127,8 @@ class SeriesSweep:
                 (curve, z), end = found, ""
             if _is_described(curve, z):
                 return self._stretch(curve, z, end)
-            fewer = None if end or self.system.marched else self._stretch(curve, z, end)
+            alone = len(z) == 1  # a sweep that ends where it begins
+            fewer = None if end or alone or self.system.marched else self._stretch(curve, z, end)
         return None
 
     def beside(self, known: SeriesStretch) -> SeriesStretch | None:
@@ -185,7 +186,8 @@ class SeriesSweep:
         start = curve.start(found, frequency)
         if start is None or not start.stable or start.clearance < 0.0:
             return None
-        way = run(curve, start._replace(tangent=self.direction * start.tangent), MAX_STRETCH_POINTS, self.longest_step)
+        most = math.ceil(MAX_STRETCH_LENGTH / self.longest_step)
+        way = run(curve, start._replace(tangent=self.direction * start.tangent), most, self.longest_step)
         return (curve, way), way.points
 
     def _coefficients(self, balance: HarmonicBalance, frequency: float, state: np.ndarray) -> np.ndarray:
@@ -202,9 +204,11 @@ def _is_described(curve: SeriesCurve, z: np.ndarray) -> bool:
 
 
 def _is_stable(way: OneWay[SeriesMotion]) -> bool:
-    """Whether a way was followed to its end, and its motions are stable up to the special point at that."""
+    """Whether a way was followed to a special point or the edge of the window, and is stable up to there."""
     before = way.points[: way.marks[0][0]] if way.marks else way.points
-    return not way.lost and all(motion.stable for motion in before)
+    at = float(way.points[-1].z[-1])
+    ended = bool(way.marks) or min(abs(at), abs(1.0 - at)) <= EDGE_ROUNDING
+    return ended and not way.lost and all(motion.stable for motion in before)
 
 
 def series_sweep(setting: Setting, level: Callable[[float], float], stops: np.ndarray) -> SeriesSweep | None:

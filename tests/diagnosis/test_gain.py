@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.gain import BLOCKS, RECORDS, Gain, _sizes
+from calib.diagnosis.gain import BLOCKS, RECORDS, Gain, _sizes, interval_of_gain
 from calib.diagnosis.transfer import Transfer
+from calib.objective import Squares
 
 
 def test_a_record_in_which_no_cause_acts_refutes_none():
@@ -41,3 +42,20 @@ def test_records_of_the_fit_are_compared_without_those_held_out(loud, held, agre
     told = _sizes(tuple(Transfer(name, "k", size, 0.01, out) for name, (size, out) in sizes.items()), 3.0)
     assert told["fitted_agree"] == agree
     assert not told["agreements"][0].agree
+
+
+@pytest.mark.parametrize("segments", [2, 3, 20])
+def test_two_models_that_are_alike_have_a_gain_of_zero_however_few_segments_are_held_out(segments):
+    rng = np.random.default_rng(segments)
+
+    def one():
+        return Squares(rng.chisquare(16, size=(1, segments)), np.full((1, segments), 16.0))
+
+    intervals = np.array([interval_of_gain([(one(), one())], seed) for seed in range(200)])
+    missed = ((intervals[:, 0] > 0.0) | (intervals[:, 1] < 0.0)).sum()
+    assert missed <= 22  # 5 % of 200, and 3.9 standard deviations of such a count
+
+
+def test_a_single_segment_tells_nothing_of_the_error_of_a_gain():
+    before, after = (Squares(np.array([[total]]), np.array([[8.0]])) for total in (8.0, 0.1))
+    assert interval_of_gain([(before, after)], 0) == (-np.inf, np.inf)

@@ -17,7 +17,10 @@ from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.effects.drive_harmonic_2 import EFFECT as DRIVE_HARMONIC_2
 from calib.errors import CalibError
+from calib.modelling.effect import Effect
+from calib.modelling.laws import force
 from calib.modelling.model import Model
+from calib.modelling.parameter import Parameter
 from calib.plugins import load
 from calib.records.excitation import Excitation
 from calib.records.response import complex_amplitude, make_response
@@ -151,6 +154,21 @@ def test_a_slider_whose_sliding_the_steps_do_not_resolve_is_left_to_shooting():
     amplitude, _ = harmonics_of_cycle(held, 1, 1, 3.0, 0.6, settled.states[-1])
     own = found.isel(point=int(np.argmin(np.abs(found.frequency.values - 3.0))))
     np.testing.assert_allclose(complex_amplitude(own.expand_dims("point", -1))[0, 0], amplitude[0, 1], rtol=1e-3)
+
+
+@force(states=1)
+def worn(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
+    """Stiffness that falls with the distance that was slid, which only adds up."""
+    dz[0] = abs(v)
+    return p[0] * z[0] * x
+
+
+def test_a_state_that_never_repeats_has_no_periodic_motion():
+    wear = Effect("wear", "force", worn, (Parameter("wear", "1/(m s^2)", 0.0, "fall of stiffness", null=0.0),), "wear")
+    system = setting(wear, wear=1.0).map().modal_system()
+    balance, omega = HarmonicBalance(system, 3), 6.0 * math.pi
+    y = balance.linear_motion(omega, system.amplitude)
+    assert np.isnan(balance.residual(y, omega, system.amplitude)).any()
 
 
 # --- responses

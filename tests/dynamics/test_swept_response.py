@@ -164,16 +164,18 @@ def test_a_sweep_is_that_of_another_integrator_sampled_by_a_clock_of_its_own():
         assert at(found, frequency, piece) == pytest.approx(expected, abs=2e-3 * abs(expected))
 
 
-def test_a_level_measured_point_by_point_is_followed_without_corners():
+@pytest.mark.parametrize("points", [21, 101])
+def test_a_level_measured_point_by_point_is_followed_without_corners(points):
     """The force of a test at constant response bends at every frequency where it was set; the sweep is one stretch."""
-    frequency = np.linspace(3.0, 3.4, 21)
+    frequency = np.linspace(3.0, 3.4, points)
     omega = 2.0 * np.pi * frequency
     needed = (400.0 - omega**2 + 0.5j * omega) * 1e-3
-    ragged = needed * np.exp(0.02 * np.random.default_rng(1).standard_normal(21))  # what a controller really held
+    ragged = needed * np.exp(0.02 * np.random.default_rng(1).standard_normal(points))  # what a controller really held
     level = np.abs(ragged)
-    measured = make_response(frequency, ["mass"], 1e-3 * np.ones((1, 21)), level, "N")
+    measured = make_response(frequency, ["mass"], 1e-3 * np.ones((1, points)), level, "N")
     simulated = swept_response(Model(Oscillator()), {"mass": 1.0, "stiffness": 400.0, "damping": 0.5}, FORCE, measured)
     assert set(simulated.piece.values.tolist()) == {0.0}
+    assert simulated.frequency.values[[0, -1]] == pytest.approx([2.98, 3.42])  # a margin beyond what was measured
     places = [int(np.argmin(np.abs(simulated.frequency.values - at))) for at in frequency]
     at, own = simulated.frequency.values[places], complex_amplitude(simulated)[0, places]
     exact = simulated.level.values[places] / (400.0 - (2.0 * np.pi * at) ** 2 + 1j * np.pi * at)
@@ -181,3 +183,22 @@ def test_a_level_measured_point_by_point_is_followed_without_corners():
     curve = level_over_frequency(frequency, level)
     np.testing.assert_allclose([curve(f) for f in frequency], level, rtol=1e-12)
     assert all(curve(f) > 0.0 for f in (2.5, 2.99, 3.41, 4.0))
+
+
+def test_levels_that_were_read_several_times_at_a_frequency_are_their_mean():
+    three_times = level_over_frequency(np.array([3.0, 3.0, 3.0, 3.2]), np.full(4, 0.4))
+    assert {three_times(at) for at in (2.5, 3.0, 3.1, 4.0)} == {0.4}  # 0.4 + 0.4 + 0.4 is not three times 0.4
+    assert level_over_frequency(np.array([3.0, 3.0]), np.array([1.0, 2.0]))(3.0) == pytest.approx(1.5)
+    alike = level_over_frequency(np.array([3.0, 3.0, 4.0, 4.0]), np.array([1.0, 3.0, 3.0, 1.0]))
+    assert alike(3.5) == pytest.approx(2.0)
+
+
+def test_a_stretch_of_one_motion_that_needs_more_harmonics_is_followed_with_them():
+    """Irregular motion may last to the last stop of a sweep, where a periodic one is met at last."""
+    setting = Setting(
+        Model(Oscillator(), [COULOMB_FRICTION]), FORCE, {**VALUES, "friction": 0.05, "friction_slip": 1e-3}
+    )
+    system = modal_system(setting, 3.6, 0.5)
+    sweep = SeriesSweep(setting, system, 0.5, (2.8, 3.6), 1.0, lambda at: 0.5)
+    stretch = sweep.stretch(3.6, sweep.first(3.6))
+    assert stretch.frequency.tolist() == [3.6]

@@ -21,6 +21,7 @@ STATE_DIFFERENCE = 1e-6  # of the size of a state, for the derivatives by it
 MAX_MARCHED_PERIODS = 40  # over which states are marched until they repeat
 PLAIN_PERIODS = 2  # of these without Newton's method: friction forgets its start within one
 REPEATED = 1e-10  # change over a period over the size of a state
+STILL_CHANGING = 1e-6  # the same, above which states have no periodic path after all these periods: slip that adds up
 STEP_CORRECTIONS = 12  # of Newton's method in one step
 QUICK_CORRECTIONS = 3  # of these with the derivative of an earlier step, before it is taken anew
 STEP_CORRECTED = 1e-11  # correction over the size of a state
@@ -70,8 +71,8 @@ def state_path(
 ) -> StatePath:  # fmt: skip
     """Path of the states of a law that repeat over a period.
 
-    NaN where the steps do not resolve how a state comes to slide: then a start beside it is not carried over the period
-    as the derivatives have it.
+    NaN where the states do not repeat, and where the steps do not resolve how a state comes to slide: then a start
+    beside it is not carried over the period as the derivatives have it.
 
     Parameters
     ----------
@@ -86,20 +87,22 @@ def state_path(
     path = StatePath(value, rates, by_position, by_rate, np.zeros((count, count, m)), force_by_state)
     start = np.zeros(count)
     for period in range(MAX_MARCHED_PERIODS):
-        end = _marched(law, parameters, times, position, rate, step, start, size, path.value)
-        if (np.abs(end - start) <= REPEATED * size).all():
+        begun = start
+        end = _marched(law, parameters, times, position, rate, step, begun, size, path.value)
+        change = end - begun
+        if (np.abs(change) <= REPEATED * size).all():
             break
         if period < PLAIN_PERIODS:
             start = end
             continue
         _differentiate_by_state(law, parameters, times, position, rate, size, path.value, path.by_state, force_by_state)
-        once = _once(path.by_state, step)
-        start = start + np.linalg.pinv(np.eye(count) - once, rcond=NEUTRAL) @ (end - start)
+        start = begun + np.linalg.pinv(np.eye(count) - _once(path.by_state, step), rcond=NEUTRAL) @ change
     _differentiate_by_state(law, parameters, times, position, rate, size, path.value, path.by_state, force_by_state)
     _differentiate_by_motion(law, parameters, times, position, rate, steps, value, rates, by_position, by_rate)
     moved, beside = START_PERTURBATION * size, np.empty((count, m))
-    end_beside = _marched(law, parameters, times, position, rate, step, start + moved, size, beside)
-    if (np.abs(end_beside - end - _once(path.by_state, step) @ moved) > MAX_MISSED * moved.max()).any():
+    end_beside = _marched(law, parameters, times, position, rate, step, begun + moved, size, beside)
+    missed = np.abs(end_beside - end - _once(path.by_state, step) @ moved) > MAX_MISSED * moved.max()
+    if missed.any() or (np.abs(change) > STILL_CHANGING * size).any():
         path.value[:] = np.nan
     return path
 
