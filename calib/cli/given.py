@@ -17,7 +17,7 @@ from calib.records import STATE, prescribed
 from calib.study import result
 from calib.study_file import StudyFile
 from calib.units import shown, to_si
-from calib.workflows.calibrated import calibration_command
+from calib.workflows.calibrated import calibrated_values, calibration_command
 
 GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"
 
@@ -72,7 +72,7 @@ def setting(
 
     Raises
     ------
-    CalibError : the study has found none yet; or as `settings`
+    CalibError : the study has found none yet, or those in the folder are of another study; or as `settings`
     """
     values: Mapping[str, float] = {}
     if best:
@@ -82,7 +82,7 @@ def setting(
             raise CalibError(
                 f"--best: there is no result in {folder}; `{calibration_command(file.path, folder)}` makes one"
             )
-        values = calibration.values
+        values = calibrated_values(file, folder)
     held = file.setting(values, record, phase)
     # after the record's own values have taken the place of general ones: what the user says comes before both
     return replace(held, values={**held.values, **settings(texts, file.study.model.parameters)})

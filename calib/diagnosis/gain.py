@@ -313,9 +313,10 @@ def _squares(parts: Sequence[tuple[Part, SimulatedRows, SimulatedRows]]) -> tupl
 
 
 def _by_segment(part: Part, view: SimulatedRows) -> Squares:
-    """Squares of one record, by its segments."""
+    """Squares of one record, by its segments: points of a frequency response are measured one by one."""
     weight = row_weights(part.rows, part.used, view.trust)
-    return Squares.of(part.measured, view.rows, weight, part.segments()[: part.time.size])
+    segments = part.segments(1) if part.is_swept else part.segments()
+    return Squares.of(part.measured, view.rows, weight, segments[: part.time.size])
 
 
 class _Sizes(TypedDict):

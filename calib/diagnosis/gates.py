@@ -88,10 +88,12 @@ def _change(one: SimulatedRows, other: SimulatedRows) -> float:
 def noise_known(evidence: Evidence) -> Gate:
     """The noise of every channel is stated or can be estimated: a record that states it may be short."""
     estimated = [part for part in evidence.parts if any(n.source != STATED for n in part.compared_noise)]
-    short = [part.name for part in estimated if part.time.size < CRITERIA.min_noise_samples]
+    short = [part for part in estimated if part.time.size < CRITERIA.min_noise_samples]
     if short:
+        swept = any(part.is_swept for part in short)
         reason = (
-            f"{', '.join(short)}: a noise level needs at least {CRITERIA.min_noise_samples} samples, or a stated one"
+            f"{', '.join(part.name for part in short)}: a noise level needs at least {CRITERIA.min_noise_samples} "
+            f"{'points of a record of sweeps' if swept else 'samples'}, or a stated one"
         )
         return Gate("noise", False, reason)
     levels = []

@@ -12,6 +12,7 @@ from calib.diagnosis.noise import Noise
 from calib.diagnosis.score import variance_along
 
 MIN_POINTS_PER_PARAMETER = 4  # of a sweep in which calibrated parameters may be its own  [count]
+MIN_SEGMENT_SAMPLES = 8  # of a segment, beyond which noise is hardly correlated  [count]
 MIN_SEGMENTS = 20  # of a record, whose scores count as independent  [count]
 
 
@@ -158,10 +159,13 @@ class Part:
             columns.append(sheared)
         return np.column_stack([self.white(column) for column in columns]) if columns else np.zeros((rows.size, 0))
 
-    def segments(self) -> np.ndarray:
-        """Number (row * n,) of the segment that each residual belongs to; all rows of an instant share it."""
+    def segments(self, least: int = MIN_SEGMENT_SAMPLES) -> np.ndarray:
+        """Number (row * n,) of the segment of `least` samples or more that each residual belongs to.
+
+        All rows of an instant share it.
+        """
         n = self.time.size
-        length = max(8, n // MIN_SEGMENTS)
+        length = max(least, n // MIN_SEGMENTS)
         return np.tile(np.minimum(np.arange(n) // length, max(1, n // length) - 1), len(self.rows))
 
 

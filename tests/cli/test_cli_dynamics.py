@@ -20,6 +20,7 @@ from map_study import BISTABLE, waiting, write_map_study
 
 from calib.cli import main
 from calib.cli.given import bodies_drawn
+from calib.store import Store
 from calib.store.chunks import read_joined
 from calib.study_file import load
 
@@ -158,13 +159,19 @@ def test_more_stretches_than_anybody_reads_are_left_out(tmp_path):
 
 
 def test_the_values_of_the_study_s_result_are_taken_and_set_ones_come_first(study, tmp_path):
-    (tmp_path / "out").mkdir()
+    with Store(tmp_path / "out", view=None) as store:
+        store.open(load(study).study.header)
     (tmp_path / "out" / "result.json").write_text(json.dumps({"values": {"a": 0.25, "b": 0.1, "b@bench": 0.2}}))
     calib("sweep", study, "--over", "push=0,1", "--best", "-o", tmp_path / "best.nc")
     calib("sweep", study, "--over", "push=0,1", "--best", "--set", "b=0.15", "-o", tmp_path / "set.nc")
     best, given = (json.loads(read_joined(tmp_path / name).attrs["definition"]) for name in ("best.nc", "set.nc"))
     assert (best["values"]["a"], best["values"]["b"]) == (0.25, 0.2)
     assert (given["values"]["a"], given["values"]["b"]) == (0.25, 0.15)
+    other = tmp_path / "other.toml"  # its results are in the same folder
+    other.write_text(study.read_text().replace("seed = ", "seed = 1"))
+    refused = calib("sweep", other, "--over", "push=0,1", "--best", code=1)
+    assert "was made by another study" in refused.stderr
+    assert "seed: " in refused.stderr
 
 
 def test_only_the_bodies_asked_for_are_drawn(tmp_path):

@@ -24,7 +24,8 @@ REMEDIES = {
     "kind of motion": "calibrate until the simulated motion is of the measured kind (wider windows, a larger budget): "
     "differences between motions of different kinds identify no cause",
     "noise": "record more samples, best three cycles of the motion or more, or state the noise in the record "
-    "(displacement_sigma, velocity_sigma)",
+    "(displacement_sigma, velocity_sigma); of a frequency response put the sweeps of all levels into one record, or "
+    "state the uncertainty of each point in a column BODY sigma",
 }
 REFINE = (
     "make the simulator's step or tolerance finer in [model] and calibrate again: as it is, an error of the solver "
