@@ -10,11 +10,13 @@ from calib.cli.given import quantity, response_levels, response_window, setting,
 from calib.dynamics.backbone import HeldBranch, backbones, constant_responses
 from calib.dynamics.backbone_dataset import backbone_dataset
 from calib.dynamics.response import AMPLITUDE
+from calib.errors import CalibError
 from calib.execution.netcdf import write_dataset
 from calib.report.plots.backbone import backbone_figure
 from calib.report.plots.style import DPI
 from calib.study_file import load
 from calib.units import shown
+from calib.workflows.command_line import command_line
 
 LOWEST_LEVEL = 0.01  # at which a backbone begins, over the highest level, where one level is given  [1]
 WELL_BALANCED = 1e-2  # velocity of the harmonics left out, above which more are advised  [1]
@@ -38,6 +40,12 @@ def draw_backbones(
     """Follow motions in phase resonance, and at held amplitudes; write file and picture, and say what is on them."""
     file = load(study)
     held = setting(file, settings, record, best, out, 0.0)
+    if not held.excitation.harmonic:
+        raise CalibError(
+            f"{study}: expected a record with a harmonic excitation, got {held.excitation.quantity}; choose one with "
+            "--record, or draw frequency and damping of a measured decay over its amplitude with "
+            f"`{command_line('reference', 'show', study)}`"
+        )
     window = response_window(over, held)
     amplitudes = [quantity("--hold", part, "m") for part in hold.split(",")] if hold else []
     given = response_levels(levels, held)

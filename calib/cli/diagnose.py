@@ -20,7 +20,7 @@ from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained
 from calib.execution.pool import REFUSED
 from calib.execution.progress import LINE_INTERVAL
 from calib.report.formatting import distinguishing_digits, quantity
-from calib.report.pages.diagnosis.conclusion import REFITTED, left_out, proposal
+from calib.report.pages.diagnosis.conclusion import REFITTED, left_out, proposal, remedy
 from calib.report.pages.diagnosis.sizes import (
     disagreements,
     is_absorbed,
@@ -50,6 +50,8 @@ def print_diagnosis(study: Path, options: CauseSearch) -> None:
         click.echo(json.dumps(diagnosis.as_dict(), indent=2, allow_nan=False))
     elif not options.quiet:
         show(diagnosis, folder_of(study, options.out), extended)
+        if options.apply and extended is None:
+            click.echo("no extended study is written: no effect was named")
 
 
 class DiagnosisProgress:
@@ -102,6 +104,7 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
     for gate in diagnosis.gates:
         if not gate.passed:
             console.print(f"[red]gate {gate.name}[/]: {escape(gate.summary)}", soft_wrap=True)
+            console.print(f"what to do: {escape(remedy(gate))}", soft_wrap=True)
     if len(diagnosis.joint_sizes) > 1:
         joint = (", ".join((name, *sizes(size))) for name, size in diagnosis.joint_sizes.items())
         console.print(f"sizes of causes fitted together: {escape('; '.join(joint))}", soft_wrap=True)

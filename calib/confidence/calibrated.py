@@ -31,6 +31,7 @@ def around_best(
     best: Trial,
     evaluation: Evaluation | Failure | None = None,
     agreement: Mapping[str, Any] | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
 ) -> Confidence:
     """Confidence in the values of a study's best trial.
 
@@ -39,11 +40,12 @@ def around_best(
     pool : evaluates values at this study, see `calib.study.evaluate`
     evaluation : of the best trial's values, where it was made already
     agreement : what the optimiser says of where its starts ended; where they do not agree there are no intervals
+    on_progress : called with the number of draws of the noise that are propagated to the residuals, and of all
     """
     if evaluation is None:
         [evaluation] = in_order(pool, [best.values])
     u = np.array(best.u)
-    confidence = _analysed(study, _evaluated_by(study, pool), u, evaluation).confidence
+    confidence = _analysed(study, _evaluated_by(study, pool), u, evaluation, on_progress).confidence
     return where_starts_agree(confidence, study.space, u, agreement or {})
 
 
@@ -178,7 +180,11 @@ def _evaluated_by(study: CalibrationStudy, pool: Pool) -> Evaluate:
 
 
 def _analysed(
-    study: CalibrationStudy, evaluate: Evaluate, u: np.ndarray, evaluation: Evaluation | Failure
+    study: CalibrationStudy,
+    evaluate: Evaluate,
+    u: np.ndarray,
+    evaluation: Evaluation | Failure,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
 ) -> LocalAnalysis:
     """Analyse a point (dim,) of the unit cube, with its evaluation."""
     blocks = noise = None
@@ -187,7 +193,7 @@ def _analysed(
         labels = zip(*(residuals[name].values for name in ("term", "record", "body", "channel")), strict=True)
         blocks = np.unique([" ".join(map(str, label)) for label in labels], return_inverse=True)[1]
         if len(study.objective.terms) > 1:  # terms that compare one channel share its noise
-            noise = noise_draws(study.objective, evaluation.records, study.seed)
+            noise = noise_draws(study.objective, evaluation.records, study.seed, on_progress=on_progress)
     centre = _outcome(evaluation)
     confidence = local(evaluate, study.space, u, outcome=centre, blocks=blocks, noise_draws=noise)
     return LocalAnalysis(centre, confidence, blocks, noise)

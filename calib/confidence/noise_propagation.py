@@ -1,6 +1,6 @@
 """Noise of the measured records propagated to the residuals of all terms together."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,11 @@ UNSTATED_NOISE_SHARE = 0.01  # of a channel's standard deviation: noise where th
 
 
 def noise_draws(
-    objective: Objective, records: Mapping[str, xr.Dataset], seed: int, number: int = PROPAGATION_DRAWS
+    objective: Objective,
+    records: Mapping[str, xr.Dataset],
+    seed: int,
+    number: int = PROPAGATION_DRAWS,
+    on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
 ) -> np.ndarray:
     """Changes (number, m) of the residuals when white noise is added to the measured records.
 
@@ -26,11 +30,13 @@ def noise_draws(
     objective : has references, terms and residuals(records), and is made by ``type(objective)(references, terms)``
     records : name -> simulated record at the best point
     seed : of the noise, whose size is the record's own uncertainty or, without one, UNSTATED_NOISE_SHARE
+    on_progress : called with the number of draws that are made, and of all
     """
     rng = np.random.default_rng(seed)
     base = objective.residuals(records).values
     draws = np.empty((number, base.size))
-    for row in draws:
+    for done, row in enumerate(draws):
+        on_progress(done, number)
         references = {name: replace(r, record=_noisy(r.record, rng)) for name, r in objective.references.items()}
         row[:] = type(objective)(references, objective.terms).residuals(records).values - base
     return draws

@@ -107,8 +107,8 @@ def swept_curves(
     Returns
     -------
     response of the same sweeps, with the points of the continuation, as effects at the site "response" have it
-    measured; `piece` (point,) numbers its stable stretches, and the attribute `jumps` says where they end. A failed
-    record where the motions of a sweep are not periodic, or nothing could move.
+    measured; `piece` (point,) numbers its stable stretches, and the attribute `jumps` says where they end. A sweep ends
+    where motions are not periodic; a failed record where none of it is, or nothing could move.
     curves of those sweeps that are one stretch of series
 
     Raises

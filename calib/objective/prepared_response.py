@@ -113,26 +113,43 @@ class PreparedResponse:
         raise CalibError(f"{self.name}: a frequency response has no initial state that could be solved for")
 
     def features(self, pairs: set[tuple[str, str]], sensed: SensedRecord) -> list[FeatureValue]:
-        """Largest amplitude, and the frequency at which it is, of each body in each sweep."""
+        """Largest amplitude at the measured frequencies, and where it is, of each body in each sweep."""
         found: list[FeatureValue] = []
+        measured = np.abs(complex_amplitude(self.record))
         for body in (body for body in self.bodies if any(body == own for own, _ in pairs)):
             row = self.bodies.index(body)
-            measured, simulated = (self._peaks(record, row) for record in (self.record, sensed.record))
-            found += compared(self.name, body, measured, simulated)
+            simulated = self._at_measured(sensed.raw, row)
+            found += compared(self.name, body, self._peaks(measured[row], row), self._peaks(simulated, row))
         return found
 
-    def _peaks(self, record: xr.Dataset, row: int) -> dict[str, Scalar]:
-        """Scalar features of a body; a frequency is known to the step at which it is, of each of two responses."""
-        own, frequency = np.abs(complex_amplitude(record)[row]), record["frequency"].values
+    def _at_measured(self, simulated: xr.Dataset, row: int) -> np.ndarray:
+        """Amplitude (n,) of a body at the measured frequencies, linear along the simulated curve of each sweep  [m]."""
+        size, frequency = np.abs(complex_amplitude(simulated)[row]), simulated["frequency"].values
+        curves, own = dict(sweeps(simulated)), np.empty(self.record.sizes["point"])
+        for sweep, points in sweeps(self.record):
+            along = curves[sweep][np.argsort(frequency[curves[sweep]], kind="stable")]
+            own[points] = np.interp(self.record["frequency"].values[points], frequency[along], size[along])
+        return own
+
+    def _peaks(self, own: np.ndarray, row: int) -> dict[str, Scalar]:
+        """Scalar features of the amplitudes (n,) of a body.
+
+        The frequency is known to the step at which it is, and the amplitude to what it changes over that step on the
+        branch it is on, of each of two responses.
+        """
         peaks: dict[str, Scalar] = {}
-        for sweep, points in sweeps(record):
+        frequency = self.record["frequency"].values
+        for sweep, points in sweeps(self.record):
             place = int(np.argmax(own[points]))
-            top = points[place]
-            steps = np.abs(np.diff(self.record["frequency"].values[points[max(place - 1, 0) : place + 2]]))
-            step = float(steps.mean()) if steps.size else 0.0
-            known = float(np.hypot(step / np.sqrt(6.0), self._frequency_sigma[top]))
+            top, around = points[place], points[max(place - 1, 0) : place + 2]
+            step = float(np.abs(np.diff(frequency[around])).mean()) if around.size > 1 else 0.0
+            change = float(np.abs(np.diff(own[around])).min()) if around.size > 1 else 0.0
+            known, level = (
+                float(np.hypot(part / np.sqrt(6.0), sigma))
+                for part, sigma in ((step, self._frequency_sigma[top]), (change, self._sigma[row, top]))
+            )
             label = "largest amplitude in sweep"
-            peaks[f"{label} {sweep:g}"] = Scalar(float(own[top]), "m", resolution=float(self._sigma[row, top]))
+            peaks[f"{label} {sweep:g}"] = Scalar(float(own[top]), "m", resolution=level)
             peaks[f"frequency of the {label} {sweep:g}"] = Scalar(float(frequency[top]), "Hz", resolution=known)
         return peaks
 

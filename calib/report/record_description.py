@@ -5,13 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
+from calib.diagnosis.criteria import CRITERIA
 from calib.errors import CalibError
 from calib.records import STATE, channels, fills_periods, is_response, nuisance_sigma, stated_period
 from calib.records.cycles import impact, kind_of_motion, phase_curve
 from calib.records.decay import is_free_decay
 from calib.records.excitation import UNITS
 from calib.records.repetition import other_frequency
-from calib.records.response import complex_amplitude, sweeps
+from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
 from calib.report.decay_description import decay_description
 from calib.units import shown
 
@@ -160,7 +161,12 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
         yield str(record.attrs["warning"])
     if is_response(record):
         if "response_sigma" not in record:
-            yield "the response states no uncertainty: 2 % of the rms amplitude of each sweep is taken"
+            yield (
+                "the response states no uncertainty: a calibration takes 2 % of the rms amplitude of each sweep, a "
+                f"diagnosis estimates it where the record has {CRITERIA.min_noise_samples} points or more"
+            )
+        if (doubt := doubtful_phase(record)) is not None:
+            yield doubt
         return
     names = channels(record)
     for channel in names:
@@ -189,6 +195,25 @@ def doubtful_frequency(record: xr.Dataset, name: str = "the record") -> str | No
     return (
         f"{name} repeats itself at {other:.4g} Hz, not at the {float(record.attrs['frequency']):.5g} Hz of its "
         "excitation; check the stated frequency and the unit of time"
+    )
+
+
+def doubtful_phase(record: xr.Dataset, name: str = "the record") -> str | None:
+    """Warn of a response to a force by which a structure would do work on its exciter: no passive one does.
+
+    The work of a force F on the body that it acts on is pi F |H| sin(lag) in a cycle, of which the sum over all points
+    is looked at.
+    """
+    place, bodies = str(record.attrs.get("place", "")), [str(body) for body in record.body.values]
+    if record.attrs.get("quantity") != "force" or place not in bodies or not has_phase(record):
+        return None
+    row = bodies.index(place)
+    leading, sigma = complex_amplitude(record)[row].imag, tolerances(record)[1][row]
+    if leading.sum() <= SIGNIFICANT_Z * np.sqrt((sigma**2).sum()):
+        return None
+    return (
+        f"{name}: the displacement of {place} leads the force on it, by which a structure would do work on its "
+        "exciter; a lag is a negative phase, and the phase is the displacement's unless its column says of what else"
     )
 
 

@@ -34,7 +34,7 @@ class Progress:
         self._budget = budget
         self._stage = "starting"
         self._done = self._failed = 0
-        self._leaders = ""
+        self._part = ""  # of the stage under way that is done
         self._compiling = False
         self._best: Trial | None = None
         self._ends: list[tuple[float, int]] = []  # when, how many trials by then
@@ -70,7 +70,7 @@ class Progress:
     def stage(self, name: str) -> None:
         """Say what begins: "dry run", "screen", "search", "confirm", "confidence", "hold-out", "report"."""
         if name != self._stage:
-            self._stage = name
+            self._stage, self._part = name, ""
             self._show(now=True)
 
     def earlier(self, trials: Sequence[Trial]) -> None:
@@ -101,8 +101,13 @@ class Progress:
 
     def leader(self, done: int, total: int) -> None:
         """Take in that `done` of `total` leaders of the search have been simulated again."""
-        self._leaders = f"{done}/{total} leaders"
+        self._part = f"{done}/{total} leaders"
         self._show(now=True)
+
+    def draw(self, done: int, total: int) -> None:
+        """Take in that `done` of `total` draws of the noise have been propagated to the residuals."""
+        self._part = f"{done}/{total} draws of the noise"
+        self._show()
 
     def _say_reach(self) -> None:
         """Say, before the search, which measured features no point of the screen comes to."""
@@ -127,8 +132,8 @@ class Progress:
         if rate:
             parts.append(f"{rate:.3g} trials/s")
         parts.append(f"{self._failed} failed")
-        if self._leaders and self._stage == "confirm":
-            parts.append(self._leaders)
+        if self._part:
+            parts.append(self._part)
         if rate and self._stage in ("screen", "search"):
             parts.append(f"at most {clock_time((self._budget - self._done) / rate)} left")
         return "  ".join(parts)

@@ -41,10 +41,10 @@ from calib.study_file import StudyFile, load
 from calib.workflows import stored
 from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.calibrated import calibration_command
+from calib.workflows.doubtful_records import doubtful_records
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
 from calib.workflows.residual import residuals_beside_noise
-from calib.workflows.stated_frequencies import doubtful_frequencies
 
 MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
@@ -168,7 +168,7 @@ def summary_so_far(path: str | Path, out: str | Path | None = None) -> Calibrati
 def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -> CalibrationResult:
     """Go through the stages, one after the other; each takes what those before it have found."""
     begin, study = time.monotonic(), file.study
-    for doubt in doubtful_frequencies(file):
+    for doubt in doubtful_records(file):
         progress.note(f"mind: {doubt}")
     check_simulator_runs(file, progress.stage)
     store = Store(folder, file.view, file.keep, partial(trial_picture, objective=study.objective))
@@ -235,7 +235,7 @@ def _judged(
     progress.stage("confidence")
     pool = evaluations.calibrated(SEARCH)
     [evaluation] = in_order(evaluations.calibrated(SEARCH, afresh=True), [trial.values])
-    confidence = around_best(study, pool, trial, evaluation, search.agreement)
+    confidence = around_best(study, pool, trial, evaluation, search.agreement, progress.draw)
     if confirmation is None or not confirmation.succeeded:
         return BestPoint(trial, False, evaluation, confidence, repetition(trial, evaluation))
     chosen = confirmation.chosen

@@ -149,3 +149,18 @@ def test_a_backbone_says_where_it_runs_and_leaves_file_and_picture(study):
         assert written.level.attrs["units"] == "N"
     refused = calib("backbone", study, "--over", "frequency=5:6", "--body", "mass", code=1)
     assert "mass has no resonance from 5 to 6 Hz at 0.006 N" in refused.stderr
+
+
+def test_a_backbone_of_a_free_decay_is_pointed_to_the_picture_of_its_record(study):
+    times = np.arange(2000) / 200.0
+    size = np.exp(-0.1 * times)
+    motion = {
+        "displacement": (size * np.cos(20.0 * times))[None],
+        "velocity": (-20.0 * size * np.sin(20.0 * times))[None],
+    }
+    records.write(records.make(times, Oscillator.bodies, motion), study / "shaken.nc")
+    told = '[record.excitation]\nplace = "mass"\nquantity = "free decay"\n\n[model]'
+    (study / "study.toml").write_text(STUDY.replace("[model]", told).replace("phase_curve", "decay"))
+    refused = calib("backbone", study, "--over", "frequency=2.8:4.5", "--body", "mass", code=1)
+    assert "expected a record with a harmonic excitation, got free decay" in refused.stderr
+    assert f"calib reference show {study}" in refused.stderr

@@ -13,6 +13,7 @@ from PIL import Image
 from calib import records
 from calib.cli import main
 from calib.records import STATE, write
+from calib.records.response import make_response
 from calib.report.record_description import MIN_CONTACT_SAMPLES, record_description, record_warnings
 
 
@@ -165,3 +166,16 @@ def test_a_curve_in_another_colour_is_refused_with_the_place(tmp_path):
     assert ended.stderr.startswith(f"calib: {place}"), ended.stderr
     assert "curve[1]: curve 'layer': no line of its colour in the panel" in ended.stderr
     assert not (tmp_path / "r.nc").exists()
+
+
+@pytest.mark.parametrize(
+    ("turned", "quantity", "doubted"), [(1, "force", False), (-1, "force", True), (-1, "base motion", False)]
+)
+def test_a_structure_that_would_do_work_on_its_exciter_is_doubted(turned, quantity, doubted):
+    """Phases of another sign, or of the acceleration: no passive structure leads the force that drives it."""
+    frequency = np.linspace(2.0, 4.0, 41)
+    omega = 2.0 * np.pi * frequency
+    receptance = 1.0 / (400.0 - omega**2 + 1j * turned * omega)
+    unit = {"force": "N", "base motion": "m"}[quantity]
+    record = make_response(frequency, ["mass"], receptance[None], 1.0, unit, place="mass", quantity=quantity)
+    assert any("do work on its exciter" in line for line in record_warnings(record)) == doubted

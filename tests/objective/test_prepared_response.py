@@ -59,6 +59,14 @@ def test_a_fold_that_comes_early_is_a_distance_in_frequency_and_no_jump():
     assert float(aligned.in_phase[0, 3]) > 0.9, "the end of its own branch, not the other one"
 
 
+@pytest.mark.parametrize("factor", [1.0, -1.0, 1.5])
+def test_the_largest_amplitude_is_that_of_the_curve_whatever_its_phase(factor):
+    """The point of a curve that is nearest to a measured one of another phase is a small one."""
+    largest, where = objective().features("stepped", simulated(2.0, factor))
+    assert largest.simulated == pytest.approx(abs(factor) * largest.measured, rel=1e-3)
+    assert where.simulated == where.measured == 1.2
+
+
 def test_a_failed_response_costs_infinitely_and_a_nuisance_is_refused():
     compared = objective()
     wrong = simulated(2.0).assign_attrs(status="not periodic", reason="chaotic")

@@ -34,6 +34,21 @@ def test_the_leaders_are_counted_while_they_are_confirmed(capsys):
     assert lines[2].endswith("2/2 leaders")
 
 
+def test_draws_of_the_noise_are_counted_every_few_seconds(capsys):
+    clock = HandClock()
+    with Progress(100, console=Console(stderr=True, width=200), clock=clock) as progress:
+        progress.stage("confidence")
+        for done in range(100):
+            clock.now += 0.2
+            progress.draw(done, 100)
+        progress.stage("hold-out")
+    lines = capsys.readouterr().err.splitlines()
+    counted = [int(line.split("/100 draws")[0].split()[-1]) for line in lines if "/100 draws of the noise" in line]
+    assert 3 <= len(counted) <= 5
+    assert counted == sorted(counted)
+    assert "draws" not in lines[-1]
+
+
 def test_compiling_is_said_at_once_and_no_longer_than_it_lasts(capsys):
     with Progress(100, console=Console(stderr=True, width=200), clock=HandClock()) as progress:
         progress.stage("screen")
