@@ -15,6 +15,8 @@ MILLI = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # SI unit -> factor and unit in wh
 MICRO = {"m": (1e6, "um"), "s": (1e6, "us")}  # the same for those below MICRO_BELOW
 MICRO_BELOW = 1e-5  # m, s: smaller values are read in um and us
 SI_FROM = 1.0  # m, s: such and larger values are read in m and s
+SMALL_AXIS_TO = 0.5  # m, s, kg: an axis to such and smaller values is in mm, ms and g
+MILLIGRAMS_TO = 5e-4  # kg: and to such masses in mg
 POWERS_FROM = 1e5  # such and larger numbers are written with a power of ten  [1]
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
@@ -123,12 +125,12 @@ def reading(unit: str, size: float) -> tuple[float, str]:
 
 def shown_unit(unit: str, largest: float) -> tuple[float, str]:
     """Factor and unit for an axis of SI values up to `largest`: mm, ms, g to 0.5 m, s, kg; um, us, mg if tiny."""
-    if unit == "kg" and abs(largest) <= 5e-4:
+    if unit == "kg" and abs(largest) <= MILLIGRAMS_TO:
         return 1e6, "mg"
     if unit in MICRO and 0.0 < abs(largest) < MICRO_BELOW:
         return MICRO[unit]
     small = {**MILLI, "kg": (1e3, "g")}
-    return small[unit] if unit in small and abs(largest) <= 0.5 else (1.0, unit or "1")
+    return small[unit] if unit in small and abs(largest) <= SMALL_AXIS_TO else (1.0, unit or "1")
 
 
 def is_si(unit: str) -> bool:

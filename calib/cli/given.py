@@ -14,10 +14,9 @@ from calib.execution.netcdf import read_dataset
 from calib.modelling.orbit import PeriodMap
 from calib.modelling.parameter import Parameter, Scale, Window
 from calib.records import STATE, prescribed
-from calib.study import result
 from calib.study_file import StudyFile
 from calib.units import shown, to_si
-from calib.workflows.calibrated import calibrated_values, calibration_command
+from calib.workflows.calibrated import calibrated_values
 
 GRID = "LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or A,B,C"
 
@@ -77,12 +76,8 @@ def setting(
     values: Mapping[str, float] = {}
     if best:
         folder = file.folder if out is None else out
-        calibration = result.read(folder)
-        if calibration is None or not calibration.values:
-            raise CalibError(
-                f"--best: there is no result in {folder}; `{calibration_command(file.path, folder)}` makes one"
-            )
-        values = calibrated_values(file, folder)
+        with at("--best"):
+            values = calibrated_values(file, folder)
     held = file.setting(values, record, phase)
     # after the record's own values have taken the place of general ones: what the user says comes before both
     return replace(held, values={**held.values, **settings(texts, file.study.model.parameters)})

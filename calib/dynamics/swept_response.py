@@ -164,8 +164,7 @@ def level_over_frequency(frequency: np.ndarray, level: np.ndarray) -> Callable[[
 
     It is a curve without corners (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the logarithm, so that
     the level stays above 0; beyond the ends it goes on with its slope there. At a frequency that was measured several
-    times it is the mean of the levels there. Corners would be corners of the response,
-    at which its continuation ends.
+    times it is the mean of the levels there. Corners would be corners of the response, at which its continuation ends.
     """
     known, place = np.unique(frequency, return_inverse=True)
     values = np.log(np.bincount(place, weights=level) / np.bincount(place))

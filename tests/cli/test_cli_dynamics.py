@@ -324,7 +324,7 @@ def test_states_that_lead_nowhere_are_counted_with_their_status(tmp_path):
         (["--over", "b=0:2", "--latin", 5], "--over: expected finite values of 'b'"),
         (["--over", "a=0:1:3", "--start", "body.velocty=0"], "--start: no component 'body.velocty' (did you mean"),
         (["--over", "a=0:1:3", "--start", "body.velocity=1 mm"], "--start body.velocity: expected a quantity"),
-        (["--over", "a=0:1:3", "--best"], "--best: there is no result in"),
+        (["--over", "a=0:1:3", "--best"], "--best: there is no result.json in"),
         (["--over", "a=0:1:3", "--bodies", "bdy"], "--bodies: there is no body 'bdy' (did you mean 'body'?)"),
         (["--over", "a=0:1:3", "--set", "c=1"], "--set: unknown parameter 'c'"),
         (["--over", "a=0:1:3", "--set", "b=2"], "--set b: expected a value in [-1, 1] 1, got 2"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from calib.diagnosis import constancy
 from calib.diagnosis.constancy import constancies, differing
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.score import Projection
@@ -70,7 +71,7 @@ def test_a_size_that_is_another_one_in_a_channel_is_seen_in_that_effect_alone(in
     assert other.z < 4.0
 
 
-def test_another_size_in_a_channel_that_hardly_shows_the_effect_is_significant_and_explains_little():
+def test_another_size_in_a_channel_that_hardly_shows_the_effect_is_significant_and_explains_little(monkeypatch):
     """Model error hides the size in the other channels; that of the quiet one is exact, and explains little."""
     rng = np.random.default_rng(0)
     quiet = OWNER == 2
@@ -89,6 +90,10 @@ def test_another_size_in_a_channel_that_hardly_shows_the_effect_is_significant_a
     [own] = constancies(EVIDENCE, fit)
     assert own.z > 10.0
     assert own.variation < 0.5 * CRITERIA.max_variation
+    monkeypatch.setattr(constancy, "_variation_by_information", lambda *_: np.inf)
+    [by_variances] = constancies(EVIDENCE, fit)
+    assert by_variances.variation > CRITERIA.max_variation
+    assert differing([by_variances], 3.0, explained_by_several=False) == (by_variances,)
     assert differing([own], 3.0, explained_by_several=False) == ()
     assert differing([own], 3.0, explained_by_several=True) == (own,)
 

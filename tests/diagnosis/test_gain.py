@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.gain import BLOCKS, RECORDS, Gain, _sizes, interval_of_gain
+from calib.diagnosis.bench import SimulatedRows
+from calib.diagnosis.gain import BLOCKS, NOT_COMPARED, RECORDS, Gain, _sizes, _summed, interval_of_gain
+from calib.diagnosis.noise import STATED, Noise
+from calib.diagnosis.part import Part
 from calib.diagnosis.transfer import Transfer
 from calib.objective import Squares
 
@@ -59,3 +62,19 @@ def test_two_models_that_are_alike_have_a_gain_of_zero_however_few_segments_are_
 def test_a_single_segment_tells_nothing_of_the_error_of_a_gain():
     before, after = (Squares(np.array([[total]]), np.array([[8.0]])) for total in (8.0, 0.1))
     assert interval_of_gain([(before, after)], 0) == (-np.inf, np.inf)
+
+
+def test_a_record_of_which_no_sample_counts_is_left_out_and_said():
+    time = np.arange(200) * 1e-2
+    rows, noise, wave = (("mass", "displacement"),), (Noise(1e-3, np.zeros(0), STATED),), np.sin(time)[None]
+    parts = [
+        Part(name, rows, time, wave, None, 1, (), noise, used, used.astype(float))
+        for name, used in (("seen", np.ones((1, 200), dtype=bool)), ("lost", np.zeros((1, 200), dtype=bool)))
+    ]
+    before, after = (SimulatedRows(factor * wave, np.ones(200)) for factor in (1.1, 1.01))
+    gain = _summed(RECORDS, [(part, before, after) for part in parts], 0, failed={"broken": "it fails"})
+    assert gain.records == ("seen",)
+    assert dict(gain.failed) == {"broken": "it fails", "lost": NOT_COMPARED}
+    assert gain.before == pytest.approx(10.0 * gain.after)
+    assert 0.0 < gain.interval[0] < gain.before - gain.after < gain.interval[1]
+    assert not _summed(RECORDS, [(parts[1], before, after)], 0).records

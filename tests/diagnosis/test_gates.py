@@ -1,5 +1,6 @@
 """What has to hold before a residual is given a cause."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 from calib.diagnosis import gates
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.gates import above_noise
-from calib.diagnosis.noise import STATED, Noise
+from calib.diagnosis.gates import above_noise, noise_known
+from calib.diagnosis.noise import RESIDUAL, STATED, Noise
 from calib.diagnosis.part import Part
 
 SIZE = 500
@@ -39,6 +40,16 @@ def test_a_residual_far_below_its_noise_does_not():
 
 def test_a_few_samples_say_nothing():
     assert judged(0.4, 20).passed
+
+
+def test_sweeps_of_few_points_without_a_stated_noise_are_told_what_they_need():
+    rows, number, ones = (("mass", "in_phase"),), np.arange(25.0), np.ones((1, 25))
+    noise = Noise(1e-4, np.zeros(0), RESIDUAL)
+    part = Part("low", rows, number, ones, None, 1, (), (noise,), ones > 0.0, ones, sweep=np.zeros(25))
+    gate = noise_known(Evidence((part,)))
+    assert not gate.passed
+    assert gate.summary == "low: a noise level needs at least 32 points of a record of sweeps, or a stated one"
+    assert noise_known(Evidence((replace(part, noise=(replace(noise, source=STATED),)),))).passed
 
 
 class Left:

@@ -5,13 +5,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from calib.dynamics import neighbour_curve, swept_series
 from calib.dynamics import swept_response as swept_response_module
-from calib.dynamics import swept_series
 from calib.dynamics.arclength import run
 from calib.dynamics.series_curve import modal_system
 from calib.dynamics.setting import Setting
 from calib.dynamics.swept_response import level_over_frequency, swept_curves, swept_response
-from calib.dynamics.swept_series import SeriesSweep
+from calib.dynamics.swept_series import SeriesSweep, series_sweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.effects.drive_harmonic_2 import EFFECT as DRIVE_HARMONIC_2
@@ -86,6 +86,18 @@ def test_a_sweep_beside_that_of_other_values_is_the_one_sought_without_it(monkey
     np.testing.assert_allclose(at(found, frequency, 0.0), expected, atol=1e-4 * abs(expected).max())
     again, _ = swept_curves(model, {**VALUES, **friction}, FORCE, measured, own)
     np.testing.assert_allclose(complex_amplitude(again), complex_amplitude(found), atol=1e-9 * abs(expected).max())
+
+
+def test_a_sweep_whose_derivatives_would_take_too_much_memory_is_followed_anew(monkeypatch):
+    measured = make_response(np.linspace(2.8, 3.6, 17), ["mass"], np.ones((1, 17)), 0.2, "N", 0, 1.0)
+    found, known = swept_curves(Model(Oscillator()), VALUES, FORCE, measured)
+    [stretch] = known.values()
+    sweep = series_sweep(Setting(Model(Oscillator()), FORCE, VALUES), lambda at: 0.2, stretch.frequency[[0, -1]])
+    assert sweep.beside(stretch) is not None
+    monkeypatch.setattr(neighbour_curve, "MAX_MATRIX_ENTRIES", stretch.frequency.size * 16**2 - 1)
+    assert sweep.beside(stretch) is None
+    again, _ = swept_curves(Model(Oscillator()), VALUES, FORCE, measured, known)
+    np.testing.assert_array_equal(complex_amplitude(again), complex_amplitude(found))
 
 
 def test_a_sweep_that_folds_is_sought_without_those_that_do_not_and_knows_none():

@@ -224,6 +224,16 @@ def test_the_terminal_says_which_suspects_the_simulator_refused_and_why(tmp_path
     assert shown.getvalue().count("not tested: ") == 1
 
 
+def test_the_terminal_says_what_to_do_where_a_condition_fails(tmp_path):
+    said = document("one_of", VALUES)
+    said["gates"] = [{"name": "noise", "passed": False, "said": "low: a noise level needs at least 32 points"}]
+    show(result(said), tmp_path, None, Console(file=(shown := io.StringIO()), width=200))
+    told = shown.getvalue().splitlines()
+    place = told.index("gate noise: low: a noise level needs at least 32 points")
+    assert told[place + 1].startswith("what to do: record more samples")
+    assert "put the sweeps of all levels into one record" in told[place + 1]
+
+
 def test_a_terminal_shows_the_best_measurement_and_the_best_z_of_each_kind(tmp_path):
     console = Console(file=io.StringIO(), width=200)
     show(result(document("one_of", VALUES)), tmp_path, None, console)
