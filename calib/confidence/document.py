@@ -169,6 +169,7 @@ class PredictedRecordResult:
         of another kind than measured
     channels : of each channel that is compared; none where the record cannot be predicted
     reason : why not; "" where it is
+    samples_left_out, bodies_left_out : of a long record and one of many bodies, that are not predicted
     """
 
     name: str
@@ -178,6 +179,8 @@ class PredictedRecordResult:
     other_kind: int
     channels: tuple[PredictedChannelResult, ...] = ()
     reason: str = ""
+    samples_left_out: int = 0
+    bodies_left_out: int = 0
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_banded, solve_toeplitz, toeplitz
 from scipy.signal import lfilter, lfiltic
 from scipy.sparse import dia_array
+from scipy.special import chdtri, ndtr
 
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.score import Projection
@@ -33,6 +34,7 @@ MIN_NOISE_CYCLES = 2.25  # of a record whose noise is estimated from cycle to cy
 MIN_LEVEL = 1e-6  # of the noise over a channel's root mean square  [1]: below it the accuracy of the simulation counts
 DER_SNR_FACTOR = 0.6052697  # standard deviation over median |2 x_i - x_(i-2) - x_(i+2)| (Stoehr et al. 2008, DER_SNR)
 MAX_INTERVAL_DIFFERENCE = 0.01  # relative, of two sampling intervals that count as equal  [1]
+MAX_CORRELATED_LAGS = 100_000  # beyond which a stable autoregression has forgotten  [samples]
 MAX_ROOT = 0.9999  # magnitude of the roots of a stable autoregression  [1]
 STATED, CYCLIC, REPLICATED, RESIDUAL = "stated in the record", "cycle to cycle", "sweep to sweep", "the residual"
 
@@ -79,6 +81,29 @@ class Noise:
         """
         squares = self.autocorrelation(max(1, int(counted))) ** 2
         return math.sqrt(2.0 / max(counted, 1.0) * float(2.0 * squares.sum() - squares[0]))
+
+    def mean_square_interval(self, counted: float) -> tuple[float, float]:
+        """Bounds of the mean square of so many samples, over the variance, that only a significant departure passes.
+
+        It is distributed about as chi-square over its degrees of freedom, with as many as give it its variance
+        (Satterthwaite, Biometrics Bulletin 2 (1946) 110): never near zero, however few.
+        """
+        freedom = 2.0 / self.mean_square_std(counted) ** 2
+        tail = float(ndtr(-CRITERIA.significance_std))
+        return float(chdtri(freedom, 1.0 - tail)) / freedom, float(chdtri(freedom, tail)) / freedom
+
+    def at_interval(self, ratio: float) -> "Noise":
+        """Return the same noise, sampled at `ratio` times its interval [1]; white noise stays white.
+
+        Straight lines between its lags keep an autocorrelation positive definite.
+        """
+        if not self.ar.size or abs(ratio - 1.0) <= MAX_INTERVAL_DIFFERENCE:
+            return self
+        order = min(MAX_ORDER, math.ceil(self.ar.size / min(1.0, ratio)))
+        lags = ratio * np.arange(order + 1)
+        known = self.autocorrelation(min(MAX_CORRELATED_LAGS, math.ceil(lags[-1]) + 1))
+        rho = np.interp(lags, np.arange(known.size), known, right=0.0)
+        return replace(self, ar=solve_toeplitz(rho[:order], rho[1:]))
 
     @cached_property
     def _predictors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -141,10 +166,8 @@ class Noise:
         return replace(self, sigma=self.sigma * math.sqrt(min(1.0, share)))
 
     def drawn(self, rng: np.random.Generator, size: int) -> np.ndarray:
-        """Draw noise (size,)."""
-        lead = 20 * (self.ar.size + 1)
-        innovations = self.sigma * self.innovation * rng.standard_normal(size + lead)
-        return lfilter([1.0], np.concatenate([[1.0], -self.ar]), innovations)[lead:] * self.profile
+        """Draw noise (size,), stationary from its first sample on."""
+        return self.coloured(rng.standard_normal(size), np.ones(size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,8 +293,10 @@ def _beside_stated(noise: Noise, stated: float, free: float, tolerated: float = 
     tolerated : relative error of a stated variance that is allowed for  [1]
     """
     chance = CRITERIA.significance_std * noise.mean_square_std(free)
-    departure = abs((noise.sigma / stated) ** 2 - 1.0)
-    is_estimate_better = max(chance, departure) < tolerated or (noise.ar.size > 0 and departure < chance)
+    ratio = (noise.sigma / stated) ** 2
+    low, high = noise.mean_square_interval(free)
+    determined = max(chance, abs(ratio - 1.0)) < tolerated
+    is_estimate_better = determined or (noise.ar.size > 0 and low < ratio < high)
     return replace(noise, sigma=noise.sigma if is_estimate_better else stated, source=STATED)
 
 
@@ -306,9 +331,14 @@ def with_autoregression(
     """Noise of known autoregression; its level from the differences of neighbouring residuals."""
     if stated is not None:
         return Noise(stated, ar, STATED, repeated=True)
+    counts = weight > 0.0
     white = Noise(1.0, ar, RESIDUAL).whitened(residual, weight)
-    differences = np.abs(2.0 * white[2:-2] - white[:-4] - white[4:])
-    level = DER_SNR_FACTOR * float(np.median(differences))
+    white = np.divide(white, weight, out=np.zeros(white.shape), where=counts)
+    differences = np.abs(2.0 * white[2:-2] - white[:-4] - white[4:])[counts[2:-2] & counts[:-4] & counts[4:]]
+    if differences.size:
+        level = DER_SNR_FACTOR * float(np.median(differences))
+    else:  # no sample has its neighbours
+        level = math.sqrt(float(np.mean(white[counts] ** 2))) if counts.any() else 0.0
     return Noise(max(level, _least(measured)), ar, RESIDUAL, repeated=True)
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.diagnosis.bench import SimulatedRows
-from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity
+from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity, time_derivative
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.score import variance_along
 
@@ -143,7 +143,7 @@ class Part:
         rows, channel = simulated.rows, [c for _, c in self.rows]
         columns = [*simulated.initial, *([clock_sensitivity(self.time, rows)] if self.period is not None else [])]
         if "trigger" in self.nuisance:
-            columns.append(np.gradient(rows, self.time, axis=1))
+            columns.append(time_derivative(self.time, rows))
         if "offset" in self.nuisance:
             for index, name in enumerate(channel):
                 if name == "displacement":

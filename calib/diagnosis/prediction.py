@@ -124,8 +124,12 @@ def folds(evidence: Evidence) -> list[tuple[str, np.ndarray]]:
     [part] = evidence.parts
     if part.period is not None:
         return []
-    block = segments * TIME_FOLDS // (segments.max() + 1)
-    return [(f"block {k + 1} of {TIME_FOLDS} of {part.name}", block == k) for k in range(TIME_FOLDS)]
+    count = int(segments.max()) + 1
+    blocks = min(TIME_FOLDS, count)
+    if blocks < 2:  # there is nothing left to fit
+        return []
+    block = segments * blocks // count
+    return [(f"block {k + 1} of {blocks} of {part.name}", block == k) for k in range(blocks)]
 
 
 def _left_out(fit: Fit, left_out: np.ndarray, rows: np.ndarray) -> _LeftOut:

@@ -4,6 +4,7 @@ The data have the records' excitations, lengths and noise, and the calibrated va
 as the search, so that the shares of correct verdicts are upper bounds.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -32,7 +33,7 @@ HIDDEN_Z = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that it
 SEEDS_PER_SIZE = 3  # of the noise, for each effect and size  [count]
 MAX_CASE_RATIO = 10  # simulations of a case, over those that score all candidates once; bounds its time  [1]
 MIN_NAMED_SHARE = 0.75  # of the seeds, from which an effect is reliably named  [1]; convention
-NOTHING = "nothing"
+NOTHING, FAILED = "nothing", "failed"  # hidden; the verdict where there is none
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Rehearsed:
     Attributes
     ----------
     case : see there
-    verdict, causes, classes : of the diagnosis; the verdict is "failed" where there was none
+    verdict, causes, classes : of the diagnosis; the verdict is FAILED where there was none
     reason : why it failed
     """
 
@@ -149,7 +150,7 @@ class Stage:
         made: dict[str, Reference] = {}
         for part, view in zip(parts, views, strict=True):
             if not view.usable or (part.is_swept and view.wrong):
-                return Rehearsed(case, "failed", reason=f"{part.name}: {view.wrong if view.usable else view.status}")
+                return Rehearsed(case, FAILED, reason=f"{part.name}: {view.wrong if view.usable else view.status}")
             reference = known[part.name]
             made[part.name] = replace(reference, record=_noisy(_simulated(view, reference.record, part), part, rng))
         scored = {name: reference for name, reference in made.items() if reference.use == "calibrate"}
@@ -212,7 +213,7 @@ def rehearse(
     study, others, values, effects : as in `calib.diagnosis.diagnose.diagnose`; records held out take no part
     strengths : sizes, by their predicted z
     seeds : cases of each effect and size
-    done : cases that were rehearsed before, by their key
+    done : cases that were rehearsed before, by their key; those that failed are played again
     on_case : called as a case ends, with its number and how many there are
 
     Raises
@@ -235,7 +236,8 @@ def rehearse(
         for strength, sizes in _sizes(suspect, strengths):
             values = suspect.candidate.values(sizes)
             cases += [RehearsalCase(suspect.name, strength, values, seed, units) for seed in range(seeds)]
-    answered = {case.key: done[case.key] for case in cases if done and case.key in done}
+    known = {key: one for key, one in (done or {}).items() if one.verdict != FAILED}
+    answered = {case.key: replace(known[case.key], case=case) for case in cases if case.key in known}
     todo = [case for case in cases if case.key not in answered]
     hidden = {suspect.name: suspect.candidate for suspect in variants}
     stage = Stage(study.without_search(), others, fitted, list(effects), ready.fitter.evidence, hidden)
@@ -245,7 +247,7 @@ def rehearse(
     with make(stage) as stages:
         for index, answer in stages.map(todo):
             case = todo[index]
-            rehearsed = Rehearsed(case, "failed", reason=answer.reason) if isinstance(answer, Failure) else answer
+            rehearsed = Rehearsed(case, FAILED, reason=answer.reason) if isinstance(answer, Failure) else answer
             answered[case.key] = rehearsed
             on_case(rehearsed, len(answered), len(cases))
     return [answered[case.key] for case in cases]
@@ -261,12 +263,14 @@ def _sizes(suspect: Screened, strengths: Sequence[float]) -> list[tuple[float, n
     if not determined:
         return []
     first = determined[0]
-    hidden = []
+    hidden: dict[float, np.ndarray] = {}
     for strength in strengths:
         sizes = candidate.null.copy()
         sizes[first] += strength * error[first] * (1.0 if sizes[first] < candidate.high[first] else -1.0)
-        hidden.append((float(strength), np.clip(sizes, candidate.low, candidate.high)))
-    return hidden
+        sizes = np.clip(sizes, candidate.low, candidate.high)
+        reached = abs(sizes[first] - candidate.null[first]) / error[first]
+        hidden.setdefault(strength if math.isclose(reached, strength) else float(reached), sizes)
+    return list(hidden.items())
 
 
 def rates(rehearsed: Sequence[Rehearsed]) -> list[RehearsalRates]:

@@ -192,9 +192,8 @@ def untried(selection: Selection, gain: Gain | None) -> str:
     blocks = "the gain on blocks of the calibrated records was not computed" if gain and gain.omitted else ""
     if not selection.cut_short:
         return f" (the budget was spent: {blocks})" if blocks else ""
-    names = [name for r in selection.rounds for name in r.untried]
-    were = "was" if len(names) == 1 else "were"
-    fits = f"{joined(names)} {were} not fitted, and " if names else ""
+    names = list(dict.fromkeys(name for r in selection.rounds for name in r.untried))
+    fits = f"fits of {joined(names)} were left out or broken off, and " if names else ""
     rest = f"not all further causes and exchanges of causes were tried{blocks and f', and {blocks}'}"
     return f" (the budget was spent: {fits}{rest})"
 

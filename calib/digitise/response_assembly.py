@@ -1,6 +1,7 @@
 """The frequency response made of the curves of a figure."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -93,7 +94,7 @@ def _points(amplitudes: Curves, phases: Curves, bodies: Sequence[str], sweep: Pr
         size, spread = (first.points[chosen, 1], total[:, 1]) if own is first else _at(own, frequency, sweep)
         turn, uncertain = np.ones(size.size, dtype=complex), np.zeros(size.size)
         if phases:
-            phase, uncertain = _at(phases[body], frequency, sweep)
+            phase, uncertain = _at(_unwrapped(phases[body]), frequency, sweep)
             turn = np.exp(1j * phase) * (-1j) ** _rates(phases[body], own)
         amplitude.append(size * turn)
         sigma.append(np.sqrt((spread**2 + (size * uncertain) ** 2) / 2.0) if phases else spread)
@@ -110,6 +111,12 @@ def _rates(phase: Reading, amplitude: Reading) -> int:
         if reading.sweep is not None and reading.sweep.rates is not None:
             return reading.sweep.rates
     return 0
+
+
+def _unwrapped(phase: Reading) -> Reading:
+    """Return a curve of phase [rad] that goes on where its axis begins anew at the other end."""
+    frequency, angle = phase.points.T
+    return replace(phase, points=np.column_stack([frequency, np.unwrap(angle)]))
 
 
 def _total(reading: Reading) -> np.ndarray:

@@ -164,9 +164,9 @@ class Ledger:
         if trial.residuals is not None:
             data = np.ascontiguousarray(trial.residuals, dtype="<f8")
             place = (self._side_end // BYTES_PER_RESIDUAL, data.size)
-            self._write(self._side, self._side_path, data.tobytes(), self._side_end)
+            write_at(self._side, self._side_path, data.tobytes(), self._side_end)
         text = checksum.sealed(line(trial, place))
-        self._write(self._file, self._path, text, self._end)
+        write_at(self._file, self._path, text, self._end)
         self._end += len(text)
         self._next = max(self._next, trial.number + 1)
         if place is not None:
@@ -178,20 +178,8 @@ class Ledger:
     def _write_header(self, header: Header) -> None:
         self._header = replace(header, time=datetime.now(UTC).isoformat(timespec="seconds"))
         text = checksum.sealed(json.dumps(self._header.as_dict(), allow_nan=False, separators=(",", ":")))
-        self._write(self._file, self._path, text, self._end)
+        write_at(self._file, self._path, text, self._end)
         self._end += len(text)
-
-    def _write(self, file: int, path: Path, data: bytes, offset: int) -> None:
-        """Write at `offset` and sync; where that fails, cut the file back to `offset`."""
-        with write_errors_reported(path):
-            try:
-                written = 0
-                while written < len(data):
-                    written += os.pwrite(file, data[written:], offset + written)
-                os.fsync(file)
-            except BaseException:
-                os.ftruncate(file, offset)
-                raise
 
     def close(self) -> None:
         """Close the files."""
@@ -199,6 +187,19 @@ class Ledger:
             if file >= 0:
                 os.close(file)
         self._file = self._side = -1
+
+
+def write_at(file: int, path: Path, data: bytes, offset: int) -> None:
+    """Write at `offset` and sync; where that fails, cut the file back to `offset`."""
+    with write_errors_reported(path):
+        try:
+            written = 0
+            while written < len(data):
+                written += os.pwrite(file, data[written:], offset + written)
+            os.fsync(file)
+        except BaseException:
+            os.ftruncate(file, offset)
+            raise
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from calib.records import table
 from calib.records.delimited import TextLayout
 from calib.records.excitation import Excitation, Quantity, unit_of
 from calib.records.motion_unit import motion_quantity, motion_unit
+from calib.records.order_tracking import tracked
 from calib.records.response_columns import (
     AMPLITUDE,
     IN_PHASE,
@@ -30,7 +31,7 @@ from calib.study_file.schema import ChannelTable, ExcitationTable, TableTable
 from calib.units import to_si
 
 TEXT_KEYS = {field.name for field in fields(TextLayout)}  # keys of [record.table] that delimited text has
-OVER_TIME = ("time", "rate", "margin", "cutoff", "decimate")  # keys that a response does not have
+OVER_TIME = ("time", "rate", "margin", "cutoff", "decimate", "tracking")  # keys that a response does not have
 OVER_FREQUENCY = ("sweep", "direction", "elements")  # keys that a response alone has
 PARTS_OF_RESPONSE = [what for pair in PAIRS for what in pair]
 Key = tuple[str | int, ...]
@@ -45,6 +46,11 @@ def checked_drive(
         with mistakes.at(*key, "excitation"):
             drive = _drive(excitation)
         _check_units(how, drive, key, mistakes)
+        if how.tracking is not None and drive is None and not mistakes.within(*key, "excitation"):
+            mistakes.add(
+                (*key, "table", "tracking"),
+                "tracking needs the excitation as measured: state its column in [record.excitation]",
+            )
     _check_keys(how, key, mistakes)
     return drive
 
@@ -60,7 +66,10 @@ def stated_record(
     """Read the record that [record.table] states, and the excitation of one over time; what is wrong is noted."""
     try:
         if how.frequency is None:
-            return table.read(_table(how, drive, file))
+            record, recorded = table.read(_table(how, drive, file))
+            if how.tracking is None:
+                return record, recorded
+            return tracked(record, how.tracking.sine, how.tracking.cycles), None
         return _response(how, excitation, file, key, mistakes), None
     except UnknownColumn as error:
         mistakes.add((*key, *_place_of(how, error.column)), str(error))

@@ -10,6 +10,7 @@ from calib.execution.pools.local import MAX_JOBS
 from calib.execution.pools.settings import PoolKind
 from calib.modelling.parameter import Scale
 from calib.objective.terms import Use
+from calib.records.order_tracking import CYCLES
 from calib.store.record_files import Keep
 
 
@@ -167,6 +168,15 @@ class FrequencyTable(ClockTable):
     """Standard uncertainty of a frequency."""
 
 
+class TrackingTable(TomlTable):
+    """[record.table] tracking: how a record over time of a sine that is stepped or swept becomes a response."""
+
+    sine: Literal["stepped", "swept"]
+    """Whether the frequency of the excitation is stepped or swept."""
+    cycles: Annotated[int, Field(ge=4)] = CYCLES
+    """Cycles of the excitation in a window, of which each is a point: more have less noise, and less resolution."""
+
+
 class TableTable(TomlTable):
     """[record.table]: how a table file (delimited text, JSON, MATLAB v5) becomes a record."""
 
@@ -178,6 +188,8 @@ class TableTable(TomlTable):
     """Sampling rate; this, `time` or `frequency`."""
     frequency: FrequencyTable | None = None
     """Column of frequencies that makes the record a frequency response."""
+    tracking: TrackingTable | None = None
+    """Of a record over time, that it is made a frequency response by tracking its excitation."""
     sweep: Column | None = None
     """Of a response, the column that numbers its sweeps."""
     direction: Column | None = None

@@ -1,5 +1,6 @@
 """The effect file of a force that was found: its formula, or the table of its splines, beside the study."""
 
+import hashlib
 import importlib
 import re
 import sys
@@ -28,6 +29,7 @@ from calib.workflows.new import skeleton
 
 FOLDER, BEGINNING = "effects", "found_"  # of the effect file, beside the study; of its name
 MARK = "Written by `calib discover`."  # in each such file
+SLUG_DIGEST_DIGITS = 6  # hexadecimal, of a study's name that the file's name does not tell
 MAX_SLUG_CHARACTERS = 40  # of a study's name that the file's name takes  [count]
 GROUPS = {frozenset([DISPLACEMENT]): "stiffness", frozenset([VELOCITY]): "damping"}  # of an effect, by its arguments
 SIZE_RATIOS = (0.3, 1.0, 3.0)  # of typical sizes over that which was identified  [1]
@@ -55,7 +57,7 @@ def apply_force(file: StudyFile, discovery: Discovery) -> Path | None:
         fit, text = _spline_text(file, name, discovery, chosen)
     else:
         fit, text = trial.fit, _formula_text(file, name, discovery, chosen, trial)
-    reference = _written(file.path.parent, name, text)
+    reference = _written(file.path.parent, name, _as_written(file), text)
     effect = chosen.fitted.model.forces[0].effect
     loaded = named_effect(reference, effect.bodies, file.path.parent)
     usable, refused = candidates(
@@ -68,15 +70,35 @@ def apply_force(file: StudyFile, discovery: Discovery) -> Path | None:
 
 def effect_name(file: StudyFile) -> str:
     """Name of the effect of a force that was found in a study."""
-    slug = re.sub(r"[^a-z0-9]+", "_", file.study.name.lower()).strip("_")[:MAX_SLUG_CHARACTERS].strip("_")
-    return f"{BEGINNING}{slug or 'force'}"
+    name = file.study.name
+    slug = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    short = slug[:MAX_SLUG_CHARACTERS].strip("_")
+    if short == slug and re.fullmatch(r"[\w .-]+", name, re.ASCII):
+        return f"{BEGINNING}{slug or 'force'}"
+    digest = hashlib.sha256(name.encode()).hexdigest()[:SLUG_DIGEST_DIGITS]  # of what the slug does not tell
+    return f"{BEGINNING}{short or 'force'}_{digest}"
 
 
-def _written(folder: Path, name: str, text: str) -> str:
-    """Write the effect file; return the reference under which a study file knows it."""
+def _as_written(file: StudyFile) -> str:
+    """Name of a study in the text of its effect file."""
+    return re.sub(r'["\\]', "'", file.study.name)
+
+
+def _source(study: str) -> str:
+    return f"found by calib discover in the study '{study}'"
+
+
+def _written(folder: Path, name: str, study: str, text: str) -> str:
+    """Write the effect file; return the reference under which a study file knows it.
+
+    study : its name, as the file has it
+    """
     path = folder / FOLDER / f"{name}.py"
-    if path.exists() and MARK not in path.read_text(encoding="utf-8"):
-        raise CalibError(f"{path} is there, and `calib discover` has not written it: move it away, or rename the study")
+    if path.exists():
+        known = path.read_text(encoding="utf-8")
+        if MARK not in known or _source(study) not in known:
+            whose = "another study's" if MARK in known else "not of `calib discover`"
+            raise CalibError(f"{path} is there, and is {whose}: move it away, or rename the study")
     path.parent.mkdir(exist_ok=True)
     with whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -87,13 +109,13 @@ def _written(folder: Path, name: str, text: str) -> str:
 
 def _common(file: StudyFile, name: str, discovery: Discovery, chosen: ForceTrial) -> dict[str, object]:
     """Words that both kinds of file have in common."""
-    study = re.sub(r'["\\]', "'", file.study.name)
+    study = _as_written(file)
     where = f"{chosen.place.preposition} {chosen.body}"
     return {
         "name": name,
         "title": f"A force {where} that was found in the records of the study '{study}'.",
         "meaning": f"a force {where}, found in the records of a study: a {described(chosen.arguments, chosen.place)}",
-        "source": f"found by calib discover in the study '{study}'",
+        "source": _source(study),
         "summary": _wrapped(discovery.summary.replace("\\", "/")),
         "group": GROUPS.get(frozenset(chosen.all_arguments), "load"),
         "place": chosen.fitted.model.forces[0].effect.place,

@@ -69,6 +69,7 @@ class _Compared:
     noise : of the rows (body, channel) that are predicted; empty where it cannot be predicted
     period : of the motion [s], None without one
     reason : why it cannot be predicted; "" where it can
+    bodies_left_out : that are compared and not predicted
     """
 
     name: str
@@ -77,6 +78,7 @@ class _Compared:
     noise: Mapping[tuple[str, str], Noise]
     period: float | None
     reason: str
+    bodies_left_out: int = 0
 
     def piece(self, answer: Evaluation | Failure) -> dict[str, np.ndarray]:
         """What is kept of a simulation: status, whether the motion is of another kind, rows (row, n), trust (n,)."""
@@ -249,12 +251,13 @@ def _with_noise(name: str, case: Case, objective: Objective, answer: Evaluation 
         return unusable("its motion is irregular, or it has too few samples, or the simulation lacks a channel of it")
     part, _ = beside
     rows = [k for k, used in enumerate(part.used) if used.any()]
-    bodies = list(dict.fromkeys(part.rows[k][0] for k in rows))[:MAX_PREDICTED_BODIES]
+    compared = list(dict.fromkeys(part.rows[k][0] for k in rows))
+    bodies = compared[:MAX_PREDICTED_BODIES]
     noise = {part.rows[k]: part.noise[k] for k in rows if part.rows[k][0] in bodies}
     if not noise:
         return unusable("the excitation prescribes all that is compared")
     period = None if part.period is None else part.cycle * part.period
-    return _Compared(name, case, objective, noise, period, "")
+    return _Compared(name, case, objective, noise, period, "", len(compared) - len(bodies))
 
 
 def _predicted(one: _Compared, pieces: Sequence[Mapping[str, np.ndarray]]) -> PredictedRecord | PredictedRecordResult:
@@ -266,14 +269,18 @@ def _predicted(one: _Compared, pieces: Sequence[Mapping[str, np.ndarray]]) -> Pr
         return PredictedRecordResult(one.name, held_out, len(pieces), failed, wrong, (), reason)
     curves = np.array([piece["rows"] for piece in good])
     trust = np.median([piece["trust"] for piece in good], axis=0)
-    measured = one.objective.references[one.name].record.isel(time=slice(MAX_PREDICTED_SAMPLES))
+    whole = one.objective.references[one.name].record
+    measured = whole.isel(time=slice(MAX_PREDICTED_SAMPLES))
+    left_out = whole.sizes["time"] - measured.sizes["time"]
     measured = measured.sel(body=list(dict.fromkeys(body for body, _ in one.noise)))
     channels = {row: PredictedChannel(curves[:, k], noise.sigma) for k, (row, noise) in enumerate(one.noise.items())}
     told = tuple(
         _channel_result(body, channel, channels[body, channel], noise, measured, trust)
         for (body, channel), noise in one.noise.items()
     )
-    result = PredictedRecordResult(one.name, held_out, len(pieces), failed, wrong, told)
+    result = PredictedRecordResult(
+        one.name, held_out, len(pieces), failed, wrong, told, "", left_out, one.bodies_left_out
+    )
     return PredictedRecord(measured, held_out, one.period, channels, one.noise, trust, result)
 
 

@@ -1,17 +1,20 @@
 """The rehearsal of a study: every candidate is hidden in data of its own model, and sought."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from calib.diagnosis.rehearse import HIDDEN_Z, SEEDS_PER_SIZE, RehearsalCase, Rehearsed, rehearse
+from calib.modelling.effect import Effect
+from calib.store.lock import Lock
+from calib.store.notes import PieceNotes
 from calib.store.plain import plain
-from calib.study_file import load
+from calib.study_file import StudyFile, load
 from calib.workflows.calibrated import calibrated_values
 
 REHEARSAL, PICTURE = "rehearsal.jsonl", "rehearsal.png"
+REHEARSAL_FORMAT_VERSION = 2  # of the cases: those of another are played anew
 
 
 def rehearse_study(
@@ -27,8 +30,8 @@ def rehearse_study(
 ) -> list[Rehearsed]:
     """Hide every candidate in data of a calibrated study's own model and seek it; go on with what was played before.
 
-    Each case is written to rehearsal.jsonl as it ends. Cases belong to the calibrated values and their sizes: after
-    another `calib run` they are played anew.
+    Each case is written to rehearsal.jsonl as it ends. Cases belong to the study and its code, the calibrated values
+    and the candidates: where one of these has changed, all are played anew. Those that failed are played again.
 
     Parameters
     ----------
@@ -39,43 +42,45 @@ def rehearse_study(
 
     Raises
     ------
-    CalibError : a mistake in the study file, or it has not been calibrated, or cannot be diagnosed
+    CalibError : a mistake in the study file, or it has not been calibrated, or cannot be diagnosed; or another process
+        writes in the folder
     """
     file = load(path, jobs=jobs, out=out, pool=pool)
     folder = file.folder
-    values = calibrated_values(file, folder)
+    values, effects = calibrated_values(file, folder), file.suspects()
     ledger = folder / REHEARSAL
-    if fresh:
-        ledger.unlink(missing_ok=True)
-    done = {one.case.key: one for one in _played(ledger)}
-    with ledger.open("a", encoding="utf-8") as lines:
+    lock = Lock(folder, ledger)
+    lock.acquire()
+    try:
+        if fresh:
+            ledger.unlink(missing_ok=True)
+        with PieceNotes(ledger, identity_of_cases(file, values, effects), "case", _rehearsed) as notes:
 
-        def keep(one: Rehearsed, number: int, of: int) -> None:
-            lines.write(json.dumps(plain(one)) + "\n")
-            lines.flush()
-            on_case(number, of)
+            def keep(one: Rehearsed, number: int, of: int) -> None:
+                notes.add(one.case.key, one)
+                on_case(number, of)
 
-        effects = file.suspects()
-        return rehearse(
-            file.study, file.others, values, effects, strengths=strengths, seeds=seeds, done=done, on_case=keep
-        )
+            return rehearse(
+                file.study, file.others, values, effects, strengths=strengths, seeds=seeds, done=dict(notes.pieces),
+                on_case=keep,
+            )  # fmt: skip
+    finally:
+        lock.release()
 
 
-def _played(ledger: Path) -> list[Rehearsed]:
-    """Read the cases of a ledger; a torn last line is left out."""
-    if not ledger.is_file():
-        return []
-    text = ledger.read_text(encoding="utf-8")
-    whole_lines = text[: text.rfind("\n") + 1]
-    if whole_lines != text:
-        ledger.write_text(whole_lines, encoding="utf-8")
-    cases = []
-    for line in whole_lines.splitlines():
-        one = json.loads(line)
-        case = one["case"]
-        strength = math.nan if case["strength"] is None else case["strength"]
-        values = {name: math.inf if value is None else value for name, value in case["values"].items()}
-        known = RehearsalCase(case["effect"], strength, values, case["seed"], case["units"])
-        classes = tuple(map(tuple, one["classes"]))
-        cases.append(Rehearsed(known, one["verdict"], tuple(one["causes"]), classes, one["reason"]))
-    return cases
+def identity_of_cases(file: StudyFile, values: Mapping[str, float], effects: Sequence[Effect]) -> list[Any]:
+    """All that decides what cases come to: the study and its code, the calibrated values, and the candidates."""
+    candidates = [[effect.name, plain(effect.parameters)] for effect in effects]
+    return [REHEARSAL_FORMAT_VERSION, file.study.header.definition, dict(file.study.code), dict(values), candidates]
+
+
+def _rehearsed(document: Mapping[str, Any]) -> Rehearsed:
+    """Read what a case came to."""
+    case = document["case"]
+    known = RehearsalCase(case["effect"], _number(case["strength"]), case["values"], case["seed"], case["units"])
+    classes = tuple(map(tuple, document["classes"]))
+    return Rehearsed(known, document["verdict"], tuple(document["causes"]), classes, document["reason"])
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

@@ -18,7 +18,7 @@ from calib.diagnosis.discovery.free_force import SURFACE_COEFFICIENTS, FreeForce
 from calib.diagnosis.discovery.history import HistoryTrial, history_trials
 from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
 from calib.diagnosis.discovery.partial_spline import PartialSpline
-from calib.diagnosis.discovery.penalised import FreeModel, States, nested, penalised_fit, visited_states
+from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, nested, penalised_fit, visited_states
 from calib.diagnosis.discovery.place import ForcePlace, force_places, visited_regions
 from calib.diagnosis.discovery.summary import (
     CUT_SHORT,
@@ -39,7 +39,7 @@ from calib.diagnosis.discovery.trial import (
 )
 from calib.diagnosis.discovery.visited_curve import curve_in_words, is_open_curve
 from calib.diagnosis.effort import Budget, Effort
-from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
+from calib.diagnosis.excess import chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gates import Gate
 from calib.diagnosis.preparation import NotDiagnosable, Prepared, bench_of, numerical, pool_of, prepared
@@ -255,7 +255,7 @@ class _ForceSearch:
         self._foresee(fits=len(places) * FITS_PER_PLACE, surfaces_scored=len(places))
         for body in self._within_budget(places):
             self._fit_place(body, on_stage)
-        if all(self._leaves_misfit(trial.fitted.fit) for trial in self.trials):
+        if all(self._leaves_misfit(trial.fitted) for trial in self.trials):
             surfaces = places
         else:
             surfaces = self._surfaces_beside(places, on_stage)
@@ -281,9 +281,9 @@ class _ForceSearch:
         """Places for whose fits the budget suffices; the first fit of all counts with it anyway."""
         return (body for body in bodies if not (self.trials and self.fitter.effort.spent))
 
-    def _leaves_misfit(self, fit: Fit) -> bool:
+    def _leaves_misfit(self, model: Fit | PenalisedFit) -> bool:
         """Whether a model leaves more than noise."""
-        return significant(self._excess(fit), chi2_std(self.fitter.evidence))
+        return significant(self._excess(model), chi2_std(self.fitter.evidence))
 
     # --- scores and fits ----------------------------------------------------------------------------------------------
 
@@ -318,13 +318,13 @@ class _ForceSearch:
         arguments = sorted(((OF_DISPLACEMENT,), (OF_VELOCITY,)), key=lambda own: -self._predicted(body, own))
         first = self._fitted(body, arguments[0], on_stage)
         noise = CRITERIA.significance_std * chi2_std(self.fitter.evidence)
-        rival = np.inf if self._leaves_misfit(first.fitted.fit) else first.chi2 + noise
+        rival = np.inf if self._leaves_misfit(first.fitted) else first.chi2 + noise
         if self.fitter.effort.spent:
             self.trials.append(first)
             return
         single = [first, self._fitted(body, arguments[1], on_stage, rival=rival)]
         better = min(single, key=lambda trial: trial.chi2)
-        begin = None if self._leaves_misfit(better.fitted.fit) else better.values
+        begin = None if self._leaves_misfit(better.fitted) else better.values
         both = self._fitted(body, (OF_DISPLACEMENT, OF_VELOCITY), on_stage, begin)
         if both.chi2 > better.chi2:
             both = min(both, self._fitted(body, both.arguments, on_stage, better.values), key=lambda trial: trial.chi2)
@@ -361,8 +361,11 @@ class _ForceSearch:
             self.places[body], arguments, fitted, left_out_misfit(self.fitter.evidence, fitted.fit, fitted)
         )
 
-    def _excess(self, fit: Fit) -> float:
-        return excess_chi2(self.fitter.evidence, fit)
+    def _excess(self, model: Fit | PenalisedFit) -> float:
+        evidence = self.fitter.evidence
+        if isinstance(model, PenalisedFit):
+            return model.fit.chi2 - model.degrees_of_freedom(evidence)
+        return excess_chi2(evidence, model)
 
     def _foresee(self, scored: int = 0, fits: int = 0, surfaces_scored: int = 0, surfaces_fitted: int = 0) -> None:
         """Foresee scores of so many coefficients, fits of functions of one argument, surfaces, and the formulas."""
@@ -405,10 +408,10 @@ class _ForceSearch:
         chosen = min(tied, key=lambda trial: (trial.complexity, bool(trial.place.gap), trial.predictive_deviance))
         states = visited_states(self.fitter, chosen.fitted.fit.point, chosen.place)
         rivals = tuple({t.body: t.place for t in tied if t.body != chosen.body}.values())
-        excess = self._excess(self.null), self._excess(chosen.fitted.fit)
+        excess = self._excess(self.null), self._excess(chosen.fitted)
         formulas = formulas_of(self.fitter, self.null, chosen.fitted, chosen.left_out, on_stage)
-        degrees = degrees_of_freedom(self.fitter.evidence, chosen.fitted.fit)
-        rms = math.sqrt(chosen.chi2 / degrees) if self._leaves_misfit(chosen.fitted.fit) else None
+        degrees = chosen.fitted.degrees_of_freedom(self.fitter.evidence)
+        rms = math.sqrt(chosen.chi2 / degrees) if self._leaves_misfit(chosen.fitted) else None
         told = excess if self._leaves_misfit(self.null) else None
         summary = summary_of(chosen, tied, rivals, told, null_left_out, rms)
         found = Discovery(

@@ -67,7 +67,8 @@ class PartialSpline:
             block_diag(model.prior, slopes.T @ slopes / len(slopes)),
             BesideFormula(model.visited, fitted.smoothing.absorbed),
         )
-        dispersion = max(1.0, fit.chi2 / max(1.0, smoothing.freedom))
+        effective = smoothing.effective_parameters(smoothing.weight)
+        dispersion = max(1.0, fit.chi2 / max(1.0, smoothing.freedom - effective))
         return cls(trial.formula, model, fitted.smoothing.absorbed, smoothing, scales, dispersion)
 
     def surface(self, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

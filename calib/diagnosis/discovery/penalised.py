@@ -20,6 +20,8 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, FreeForce
 from calib.diagnosis.discovery.place import ForcePlace
 from calib.diagnosis.discovery.smoothing import Smoothing
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.excess import degrees_of_freedom
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import (
     MAX_GAIN_RATIO,
@@ -153,7 +155,16 @@ class PenalisedFit:
     @property
     def dispersion(self) -> float:
         """Mean square of the residual, in units of the variance of the noise; at least 1."""
-        return max(1.0, self.fit.chi2 / max(1.0, self.smoothing.freedom))
+        return max(1.0, self.fit.chi2 / max(1.0, self.smoothing.freedom - self.effective_parameters))
+
+    def degrees_of_freedom(self, evidence: Evidence) -> float:
+        """Degrees of freedom of the residual: of the coefficients only the effective ones count.
+
+        The number of residuals less the trace of the influence matrix (Wood, Generalized Additive Models, 2017, section
+        6.1.2).
+        """
+        others = degrees_of_freedom(evidence, self.fit) + len(self.model.coefficients)
+        return max(1.0, others - self.effective_parameters)
 
     def surface(self, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Force per unit mass (n,) and its standard error (n,) at states (n,), without what calibration absorbs."""
@@ -237,7 +248,8 @@ def linearised(fit: Fit, model: FreeModel) -> Smoothing:
     projected = others(columns)
     value = np.array([fit.value(name) for name in np.array(fit.names)[own]])
     target = others(fit.residual + columns @ value)
-    freedom = fit.residual.size - others.rank
+    counted = (fit.residual != 0.0) | whole.any(axis=1)  # the others have no weight
+    freedom = float(np.count_nonzero(counted)) - others.rank
     return Smoothing.of(columns, projected, target, freedom, model.differences, model.prior)
 
 

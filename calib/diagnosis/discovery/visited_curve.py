@@ -11,6 +11,7 @@ from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, free_fo
 from calib.diagnosis.discovery.penalised import States
 from calib.diagnosis.discovery.place import ForcePlace
 
+DISTINCT = 1e-6  # of the visited range of an argument, by which states differ  [1]
 MAX_UNEXPLAINED = 0.01  # variance of an argument beside a function of the other, over its own, of a curve  [1]
 
 
@@ -46,8 +47,20 @@ def curve_in_words(states: States, place: ForcePlace) -> str:
 
 
 def _unexplained(states: States, argument: str, values: np.ndarray) -> float:
-    """Share of the variance of values (n,) that no smooth function of an argument explains."""
+    """Share of the variance of values (n,) that no smooth function of an argument explains; as many as few states tell.
+
+    Not below what the function would explain of independent values.
+    """
     centred = values - values.mean()
     basis = free_force("", (argument,), states.region).matrix(states.x, states.v)
-    rest = centred - basis @ np.linalg.lstsq(basis, centred, rcond=None)[0]
-    return float(rest @ rest) / max(float(centred @ centred), 1e-300)
+    coefficients, _, rank, _ = np.linalg.lstsq(basis, centred, rcond=None)
+    rest, known = centred - basis @ coefficients, _distinct(states)
+    if known <= rank:  # the function passes through each of them, whatever they are
+        return 1.0
+    return float(rest @ rest) * known / (known - rank) / max(float(centred @ centred), 1e-300)
+
+
+def _distinct(states: States) -> int:
+    """Number of states that differ: the cycles of a steady motion repeat theirs."""
+    both = np.column_stack([states.x, states.v])
+    return len(np.unique(np.round(both / (DISTINCT * np.ptp(both, axis=0).clip(1e-300))), axis=0))

@@ -14,7 +14,7 @@ from calib.errors import CalibError
 
 MAX_CELLS = 5_000_000  # cells of a table
 DATE = re.compile(r"\d{1,4}[/-]\d{1,2}[/-]\d{1,4}|\d{1,2}:\d{2}")
-PREFIX = re.compile(r"^[A-DF-Za-df-z]+(?=[-+.\d])")  # what Engauge writes before points that go on a relation
+RELATION_MARK = "XXX"  # what Engauge writes before points that go on a relation
 
 Row = tuple[int, list[str]]  # line number, cells
 
@@ -107,7 +107,7 @@ def _cell(path: Path, number: int, name: str, cell: str) -> float:
     """Number of a cell, NaN where it is empty."""
     if not cell:
         return np.nan
-    plain = PREFIX.sub("", cell)
+    plain = cell.removeprefix(RELATION_MARK)
     if _is_number(plain):
         return float(plain)
     hint = "; dates are not read: export that axis in seconds" if DATE.search(cell) else "; mend the cell"

@@ -189,6 +189,10 @@ def prediction_remarks(record: PredictedRecordResult) -> list[str]:
             f"{record.name}: the motion of {record.other_kind} of {count(record.draws, 'draw')} is of another kind "
             "than measured"
         )
+    if record.samples_left_out:
+        remarks.append(f"{record.name}: its last {count(record.samples_left_out, 'sample')} are not predicted")
+    if record.bodies_left_out:
+        remarks.append(f"{record.name}: bodies that are not predicted: {record.bodies_left_out}")
     return remarks
 
 

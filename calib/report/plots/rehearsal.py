@@ -40,7 +40,7 @@ def rehearsal(played: Sequence[Rehearsed]) -> Figure:
             if row.hidden.strength in strengths and row.hidden.effect in hidden:
                 named[hidden.index(row.hidden.effect), strengths.index(row.hidden.strength)] = row.named
         _cells(right, named)
-        right.set_xticks(range(len(strengths)), [f"{z:g}" for z in strengths])
+        right.set_xticks(range(len(strengths)), [f"{z:.3g}" for z in strengths])
         right.set(xlabel="predicted z\nof the size [1]", title="Named [%]")
     return figure
 

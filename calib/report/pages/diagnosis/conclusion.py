@@ -39,7 +39,12 @@ DISCOVER_REST = (
 
 
 def headline(diagnosis: DiagnosisResult) -> str:
-    """Say the verdict in a sentence."""
+    """Say the verdict in a sentence, and in another one that the budget ended the search before all was tried."""
+    verdict = _verdict(diagnosis)
+    return f"{verdict} The budget was spent before all was tried." if diagnosis.cut_short else verdict
+
+
+def _verdict(diagnosis: DiagnosisResult) -> str:
     verdict = diagnosis.verdict
     if verdict == NAMED:
         causes = "; and ".join(_cause(name, diagnosis) for name in diagnosis.causes)
@@ -51,6 +56,9 @@ def headline(diagnosis: DiagnosisResult) -> str:
     if verdict == UNEXPLAINED:
         if diagnosis.closest:
             return f"No known effect can be named as the cause: {diagnosis.summary}."
+        leader = diagnosis.rounds[0].rejected if diagnosis.rounds else None
+        if leader is not None:
+            return f"The misfit is more than noise. {capitalised(_closest(leader, diagnosis.rounds[0].rejection))}."
         return "The misfit is more than noise, and no known effect explains it."
     if verdict == NONE:
         return "No effect is missing as far as these records show: the residual of the calibrated model is noise."
@@ -59,6 +67,10 @@ def headline(diagnosis: DiagnosisResult) -> str:
     names = " or ".join(dict.fromkeys([*diagnosis.closest, *rivals]))
     leader = f"; {names} would explain most" if diagnosis.closest else ""
     return f"No diagnosis: a condition fails ({', '.join(failed)}){leader}." if failed else "No diagnosis."
+
+
+def _closest(name: str, rejection: str) -> str:
+    return f"no known effect can be named as its cause: {name} explains most, but {rejection}"
 
 
 def _cause(name: str, diagnosis: DiagnosisResult) -> str:
@@ -83,7 +95,7 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
     sentences = [f"{capitalised(gate.name)}: {gate.summary}. What to do: {remedy(gate)}." for gate in failed]
     if diagnosis.misfit is not None and not failed:
         sentences.append(_excess(diagnosis.misfit, diagnosis))
-    sentences += [*_remainder(diagnosis), *left_out(diagnosis)]
+    sentences += [*_untried(diagnosis), *_remainder(diagnosis), *left_out(diagnosis)]
     if diagnosis.verdict == NONE and diagnosis.suspects:
         sentences.append(
             "An effect of the smallest detectable size in the table below, or larger, would have been found."
@@ -106,6 +118,18 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
     if diagnosis.verdict == ONE_OF and diagnosis.design is not None:
         sentences.append(f"{proposal(diagnosis.measurements)}.")
     return sentences
+
+
+def _untried(diagnosis: DiagnosisResult) -> list[str]:
+    """What the budget left untried."""
+    if not diagnosis.cut_short:
+        return []
+    names = joined(list(dict.fromkeys(name for one in diagnosis.rounds for name in one.untried)))
+    fits = f"fits were left out or broken off of {names}; " if names else ""
+    return [
+        f"The budget was spent: {fits}not all further causes and exchanges of causes were tried. A larger one "
+        "(--budget) may name another cause, or a further one."
+    ]
 
 
 def _faults(diagnosis: DiagnosisResult) -> list[str]:
