@@ -27,9 +27,9 @@ NOTEBOOK = Path(__file__).parent / "tutorials" / "notebook.ipynb"
 NOTEBOOK_PAGE = "tutorials/notebook.md"
 STUDY_TABLES = (
     schema.StudyTable, schema.RecordTable, schema.TableTable, schema.ClockTable, schema.FrequencyTable,
-    schema.ChannelTable, schema.ExcitationTable, schema.ModelTable, schema.EffectTable, schema.WindowTable,
-    schema.TermTable, schema.OptimiserTable, schema.PoolTable, schema.StoreTable, schema.DiagnosisTable,
-    schema.BenchTable, schema.ConfidenceTable, schema.PriorTable,
+    schema.TrackingTable, schema.ChannelTable, schema.ExcitationTable, schema.ModelTable, schema.EffectTable,
+    schema.WindowTable, schema.TermTable, schema.OptimiserTable, schema.PoolTable, schema.StoreTable,
+    schema.DiagnosisTable, schema.BenchTable, schema.ConfidenceTable, schema.PriorTable,
 )  # fmt: skip
 FIGURE_TABLES = (FigureToml, PrintedExcitation, PanelTable, AxisTable, PointTable, CurveTable)
 SHOWN = {"float | str": "quantity", "int | str": "column", "float": "number", "int": "integer", "str": "text",

@@ -55,6 +55,10 @@ def test_hertz_is_never_converted_to_another_rate(text, unit):
         ("5 milimeter", "m", "did you mean 'millimeter'"),
         ("0.5", "m", "write '0.5 m'"),
         ("1,5 mm", "m", "expected something like '1 m'"),  # would be read as 15 mm
+        ("1 500 mm", "m", "two numbers"),  # would be read as 500 mm
+        ("12 500 N/m", "N/m", "two numbers"),
+        ("1\u202f500 mm", "m", "two numbers"),
+        ("1 mm 2", "m", "two numbers"),
         ("mm", "m", "expected something like '1 m'"),
         ("", "m", "expected something like '1 m'"),
         ("1 m *", "m", "expected something like '1 m'"),

@@ -121,7 +121,7 @@ def with_sampled_nuisances(
         study,
         model=study.model.extended(instrument(study.model.bodies)),
         space=Space({**study.space.windows, **windows}, study.space.fixed),
-        objective=Objective(kept, study.objective.terms),
+        objective=Objective(kept, study.objective.terms, study.objective.elsewhere),
         definition={**study.definition, "sampled nuisances": {n: [w.low, w.high] for n, w in windows.items()}},
     )
     known = {one.name: one.prior for one in sampled if one.prior is not None}

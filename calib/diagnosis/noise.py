@@ -86,9 +86,9 @@ class Noise:
         """Bounds of the mean square of so many samples, over the variance, that only a significant departure passes.
 
         It is distributed about as chi-square over its degrees of freedom, with as many as give it its variance
-        (Satterthwaite, Biometrics Bulletin 2 (1946) 110): never near zero, however few.
+        (Satterthwaite, Biometrics Bulletin 2 (1946) 110), two at least.
         """
-        freedom = 2.0 / self.mean_square_std(counted) ** 2
+        freedom = max(2.0, 2.0 / self.mean_square_std(counted) ** 2)
         tail = float(ndtr(-CRITERIA.significance_std))
         return float(chdtri(freedom, 1.0 - tail)) / freedom, float(chdtri(freedom, tail)) / freedom
 
@@ -295,8 +295,7 @@ def _beside_stated(noise: Noise, stated: float, free: float, tolerated: float = 
     chance = CRITERIA.significance_std * noise.mean_square_std(free)
     ratio = (noise.sigma / stated) ** 2
     low, high = noise.mean_square_interval(free)
-    determined = max(chance, abs(ratio - 1.0)) < tolerated
-    is_estimate_better = determined or (noise.ar.size > 0 and low < ratio < high)
+    is_estimate_better = max(chance, abs(ratio - 1.0)) < tolerated or (noise.ar.size > 0 and low < ratio < high)
     return replace(noise, sigma=noise.sigma if is_estimate_better else stated, source=STATED)
 
 
@@ -334,11 +333,12 @@ def with_autoregression(
     counts = weight > 0.0
     white = Noise(1.0, ar, RESIDUAL).whitened(residual, weight)
     white = np.divide(white, weight, out=np.zeros(white.shape), where=counts)
-    differences = np.abs(2.0 * white[2:-2] - white[:-4] - white[4:])[counts[2:-2] & counts[:-4] & counts[4:]]
+    whole = sliding_window_view(counts, 5).all(axis=1) if counts.size >= 5 else np.zeros(0, dtype=bool)
+    differences = np.abs(2.0 * white[2:-2] - white[:-4] - white[4:])[whole]
     if differences.size:
         level = DER_SNR_FACTOR * float(np.median(differences))
     else:  # no sample has its neighbours
-        level = math.sqrt(float(np.mean(white[counts] ** 2))) if counts.any() else 0.0
+        level = math.sqrt(float(white @ white) / max(1, int(np.count_nonzero(counts))))
     return Noise(max(level, _least(measured)), ar, RESIDUAL, repeated=True)
 
 

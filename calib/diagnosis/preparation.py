@@ -72,7 +72,7 @@ def pool_of(study: CalibrationStudy, stages: Stages, bench: Bench) -> OpenPool:
 
 def bench_of(study: CalibrationStudy, others: Mapping[str, Reference]) -> Bench:
     """Return what the simulations of a diagnosis need of a study and of its other references."""
-    objective = Objective({**study.objective.references, **others}, study.objective.terms)
+    objective = Objective({**study.objective.references, **others}, study.objective.terms, study.objective.elsewhere)
     return Bench(study.model, objective, pairs_compared(objective))
 
 

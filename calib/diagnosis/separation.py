@@ -327,7 +327,11 @@ def new_part(made: Experiment, centres: Sequence[SimulatedRows]) -> Part:
     if made.stepped is not None:
         return _stepped_part(part, made.stepped, rows)
     sources = [*range(len(part.rows)), *(_similar_row(part, channel) for _, channel in made.rows[len(part.rows) :])]
-    noise = tuple(_scaled(part.noise[k], row, part.measured[k]) for k, row in zip(sources, rows, strict=True))
+    intervals = [float(np.median(np.diff(time))) for time in (part.time, centres[0].time)]
+    noise = tuple(
+        _scaled(part.noise[k], row, part.measured[k]).at_interval(intervals[1] / intervals[0])
+        for k, row in zip(sources, rows, strict=True)
+    )
     used = np.concatenate([part.used.any(axis=1), np.ones(len(made.rows) - len(part.rows), dtype=bool)])
     moving = np.array([channel == "velocity" for _, channel in made.rows])
     trust = np.prod([view.trust for view in centres], axis=0)

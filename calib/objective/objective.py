@@ -45,15 +45,16 @@ class Objective:
     ----------
     references : by name; those of use "calibrate" are scored, the others can be aligned
     terms : what is compared
+    elsewhere : what is compared of records that are not calibrated on, each of which such a term names
 
     Raises
     ------
     CalibError : the body, record or channel of a term is missing, or the excitation prescribes all that it compares
     """
 
-    def __init__(self, references: Mapping[str, Reference], terms: Sequence[Term]):
+    def __init__(self, references: Mapping[str, Reference], terms: Sequence[Term], elsewhere: Sequence[Term] = ()):
         self.references = {name: on_drive_clock(reference) for name, reference in references.items()}
-        self.terms = _distinct(terms)
+        self.terms, self.elsewhere = _distinct(terms), tuple(elsewhere)
         if not self.terms:
             raise CalibError("an objective needs at least one term; name a feature to compare")
         self._prepared = {name: _prepared(reference, self.terms) for name, reference in self.references.items()}
@@ -92,33 +93,38 @@ class Objective:
     def on(self, references: Mapping[str, Reference]) -> "Objective":
         """Return the same terms over other references, all of them scored, whatever their use.
 
-        A term of named records keeps those that are there; where none is, it is taken for all that it can compare.
+        A term of named records keeps those that are there; where none is, it is taken for all that it can compare. Of
+        records that terms elsewhere name, those are taken, and of the others what can compare them too.
 
         Raises
         ------
         CalibError : a term that names no records cannot compare one of these, or none of the others can
         """
         scored = {name: replace(reference, use="calibrate") for name, reference in references.items()}
-        terms, refusal = [], None
+        terms = [taken for term in self.elsewhere if (taken := _of(term, scored)).records]
+        named, refusal = bool(terms), None
         for term in self.terms:
-            present = tuple(name for name in term.records or () if name in scored)
-            taken = replace(term, records=present or None)
+            taken = _of(term, scored)
             try:
-                if term.records is not None and not present:
+                if not taken.records and (named or term.records is not None):
                     Objective(scored, [taken])
             except CalibError as error:
                 refusal = error
             else:
                 terms.append(taken)
-        if refusal is not None and not terms:
-            raise refusal
-        return Objective(scored, terms)
+        try:
+            if refusal is not None and not terms:
+                raise refusal
+            return Objective(scored, terms)
+        except CalibError as error:
+            remedy = f"give {', '.join(scored)} a term of its own, with records = {list(scored)}"
+            raise CalibError(f"{error}; or {remedy}") from error
 
     def with_free_trigger(self, name: str) -> "Objective":
         """Return the same comparison with the trigger of the reference `name` among its nuisances."""
         reference = self.references[name]
         freed = replace(reference, nuisance=(*reference.nuisance, "trigger"))
-        return Objective({**self.references, name: freed}, self.terms)
+        return Objective({**self.references, name: freed}, self.terms, self.elsewhere)
 
     def __call__(self, records: Mapping[str, xr.Dataset]) -> Score:
         """Score the simulated records, one for each scored reference; a failed one makes the cost infinite."""
@@ -279,6 +285,11 @@ class Objective:
 
 def _prepared(reference: Reference, terms: Sequence[Term]) -> PreparedReference | PreparedResponse:
     return (PreparedResponse if is_response(reference.record) else PreparedReference)(reference, terms)
+
+
+def _of(term: Term, references: Mapping[str, Reference]) -> Term:
+    """Return a term of those of its records that are among the references; of all where none is."""
+    return replace(term, records=tuple(name for name in term.records or () if name in references) or None)
 
 
 def _distinct(terms: Sequence[Term]) -> list[Term]:

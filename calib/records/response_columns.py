@@ -190,7 +190,15 @@ class _Reading:
         )
 
     def _polar(self, amplitude: UnitColumn, phase: UnitColumn) -> np.ndarray:
-        values, unit = self._scaled(amplitude, self._numbers(amplitude.column))
+        numbers = self._numbers(amplitude.column)
+        if (numbers < 0.0).any():
+            point = int(np.argmax(numbers < 0.0))
+            raise CalibError(
+                f"{self.sheet.path}, {self._place(point)}: an amplitude is expected at or above 0, got "
+                f"{numbers[point]:g} {amplitude.unit} in column {amplitude.column!r}; are amplitude and phase "
+                "exchanged? Parts with a sign are in-phase and quadrature"
+            )
+        values, unit = self._scaled(amplitude, numbers)
         turn = np.exp(1j * self._in(phase, "rad"))
         if not phase.of:
             return np.asarray(values * turn)

@@ -1,7 +1,6 @@
 """From a study file to a study: the only room where names become things."""
 
-import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from numbers import Integral
 from pathlib import Path
@@ -18,7 +17,7 @@ from calib.modelling.model import Model
 from calib.modelling.parameter import Parameter, Space, Window, values_for
 from calib.modelling.simulator import Simulator
 from calib.modelling.simulator_check import simulator_class
-from calib.objective import Objective, Reference, Term
+from calib.objective import Objective, Reference
 from calib.store.plain import plain
 from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, ModelSummary, check_searched, check_stated
@@ -26,6 +25,7 @@ from calib.study_file.candidates import Candidates, named_effect, read_candidate
 from calib.study_file.code import used_code
 from calib.study_file.folder import results_folder
 from calib.study_file.laboratory import read_laboratory
+from calib.study_file.made import made
 from calib.study_file.mistakes import Mistakes, PythonOrigin, located, read_study
 from calib.study_file.optimiser import OptimiserMaker, costly_optimiser, no_search
 from calib.study_file.pool import pool_settings
@@ -33,6 +33,7 @@ from calib.study_file.priors import read_priors
 from calib.study_file.references import REQUEST_KEYS, digest, references
 from calib.study_file.schema import DiagnosisTable, OptimiserTable, StudyToml, TermTable
 from calib.study_file.stored_simulator import StoredSimulator
+from calib.study_file.terms import read_terms
 from calib.study_file.values_check import check_values
 from calib.units import to_si
 
@@ -157,7 +158,7 @@ def load(
     calibrated = {name: reference for name, reference in every.items() if reference.use == "calibrate"}
     space = _space(shape, model, known, mistakes) if model is not None else None
     complete = bool(calibrated) and len(every) == len(known)
-    terms = _terms(shape, calibrated if complete else None, mistakes)
+    terms, elsewhere = read_terms(shape, every if complete else None, mistakes)
     optimiser = _optimiser(shape, mistakes) if stored is None else OptimiserMaker(no_search, {}, "[optimiser]")
     timeout = _seconds(shape, mistakes)
     settings = pool_settings(shape, mistakes, jobs, pool)
@@ -170,7 +171,7 @@ def load(
         check_values(model, space, every.values(), mistakes)
     mistakes.tell()
     with mistakes.at("term"):
-        objective = Objective(calibrated, terms)
+        objective = Objective(calibrated, terms, elsewhere)
     mistakes.tell()
     if model is None or space is None or optimiser is None or laboratory is None:
         raise AssertionError("a part of the study is missing, and no mistake says why")
@@ -227,7 +228,7 @@ def _model(shape: StudyToml, mistakes: Mistakes, results: Path) -> Model | None:
     with mistakes.at("model", "simulator"):
         named = plugins.load("calib.simulators", shape.model.simulator, mistakes.modules)
         maker = simulator_class(named, shape.model.simulator)
-        simulator = _made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
+        simulator = made(maker, shape.model.options, shape.model.simulator, mistakes, ("model", "options"))
         if simulator is not None:
             with mistakes.at("model", "options"):
                 placed = _placed(simulator, mistakes, results)
@@ -244,44 +245,6 @@ def _placed(simulator: Simulator, mistakes: Mistakes, results: Path) -> Simulato
     """Return the simulator, told where its study and the results are, if it wants to know."""
     placed = getattr(simulator, "placed", None)
     return simulator if placed is None else placed(mistakes.modules or Path.cwd(), results, mistakes.modules)
-
-
-def _made(
-    maker: Callable[..., Any],
-    options: Mapping[str, Any],
-    name: str,
-    mistakes: Mistakes,
-    key: tuple[str | int, ...],
-    given: tuple[str, ...] = (),
-) -> Any:
-    """Return ``maker(**options)``, or None with the mistakes noted; only looked at where names are yet `given`."""
-    if not callable(maker):
-        raise CalibError(f"{name!r} is an instance of {type(maker).__name__}; name the class, not an instance")
-    accepted = inspect.signature(maker).parameters.values()
-    free = any(p.kind is p.VAR_KEYWORD for p in accepted)
-    known = {p.name: p for p in accepted if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD) and p.name not in given}
-    unknown = [option for option in options if option not in known and not free]
-    for option in unknown:
-        takes = f"takes {', '.join(known)}" if known else "takes none"
-        mistakes.add((*key, option), f"unknown option of {name!r}{nearest(option, known)}; it {takes}")
-    missing = [p.name for p in known.values() if p.default is p.empty and p.name not in options]
-    if missing:
-        mistakes.add(key, f"{name!r} needs {', '.join(missing)}")
-    if unknown or missing or given:
-        return None
-    with mistakes.at(*key):
-        return _called(maker, options, name)
-    return None
-
-
-def _called(maker: Callable[..., Any], options: Mapping[str, Any], name: str) -> Any:
-    try:
-        return maker(**options)
-    except (TypeError, ValueError) as error:
-        raise CalibError(f"{name!r} does not take these options: {error}") from error
-
-
-# --- the search ------------------------------------------------------------------------------------------------------
 
 
 def _space(shape: StudyToml, model: Model, known: Mapping[str, Reference | None], mistakes: Mistakes) -> Space:
@@ -335,37 +298,12 @@ def _outside(parameter: Parameter, came: str) -> str:
     return f"expected values of {parameter.name!r} in {allowed}, got {came}"
 
 
-def _terms(shape: StudyToml, calibrated: Mapping[str, Reference] | None, mistakes: Mistakes) -> list[Term]:
-    """Make every [[term]]; None for `calibrated` where records have mistakes, against which no term can be checked."""
-    terms = []
-    for index, entry in enumerate(shape.term):
-        key = ("term", index)
-        if mistakes.within(*key):
-            continue
-        feature = None
-        with mistakes.at(*key, "feature"):
-            maker = plugins.load("calib.features", entry.feature, mistakes.modules)
-            feature = _made(maker, entry.options, entry.feature, mistakes, key)
-        if feature is None or calibrated is None:
-            continue
-        term = Term(
-            feature=feature,
-            bodies=None if entry.bodies is None else tuple(entry.bodies),
-            records=None if entry.records is None else tuple(entry.records),
-            weight=entry.weight,
-        )
-        with mistakes.at(*key):
-            Objective(calibrated, [term])  # alone, so that its refusal names this line
-            terms.append(term)
-    return terms
-
-
 def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:
     if mistakes.within("optimiser"):
         return None
     with mistakes.at("optimiser", "name"):
         maker = plugins.load("calib.optimisers", shape.optimiser.name, mistakes.modules)
-        _made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT_ARGUMENTS)
+        made(maker, shape.optimiser.options, shape.optimiser.name, mistakes, ("optimiser",), given=CONTRACT_ARGUMENTS)
         return OptimiserMaker(maker, shape.optimiser.options, mistakes.place("optimiser"))
     return None
 

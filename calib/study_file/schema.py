@@ -322,7 +322,8 @@ class TermTable(_Open):
     bodies: list[str] | None = None
     """Bodies of the simulator that are compared; without it all that were measured."""
     records: list[str] | None = None
-    """Records that are compared; without it all that are calibrated on."""
+    """Records that are compared; without it all that are calibrated on. A term of records held out says how these are
+    judged: they need one where they are of another kind, such as a free decay beside frequency responses."""
     weight: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = 1.0
     """Weight of the squared distance against that of the other terms."""
 

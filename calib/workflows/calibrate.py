@@ -309,7 +309,7 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
             records |= answer.records
         else:
             records[name] = failed(study.model.bodies, answer.status, answer.reason)
-    shown = replace(study, objective=Objective(known, study.objective.terms))
+    shown = replace(study, objective=Objective(known, study.objective.terms, study.objective.elsewhere))
     findings = stored.stored_findings(folder)
     page = render(
         shown, calibrated.trials, records, calibrated.result, calibration_command(file.path, folder), calibrated.header,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.bench import Bench, Run
-from calib.diagnosis.clock import CLOCK_RATE_STD, clock_slopes
+from calib.diagnosis.clock import CLOCK_RATE_STD, clock_slopes, time_derivative
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.part import Part
@@ -108,3 +108,12 @@ def test_a_clock_that_an_error_of_the_model_hid_counts_again_once_that_is_explai
     again = part.with_remainder(part.white(left[None]))
     assert again.clock_share > 0.99
     assert np.sum(again.white(left[None]) ** 2) < time.size + 3.0 * np.sqrt(2.0 * time.size)
+
+
+@pytest.mark.parametrize(("per_period", "left"), [(4, 0.35), (8, 0.04), (20, 0.002)])
+def test_the_derivative_over_time_is_that_of_the_motion(per_period, left):
+    time = np.arange(40 * per_period) / per_period
+    phase = 2.0 * np.pi * time
+    found = time_derivative(time, np.sin(phase)[None])[0]
+    exact = 2.0 * np.pi * np.cos(phase)
+    assert np.sqrt(np.mean((found - exact) ** 2)) < left * np.sqrt(np.mean(exact**2))

@@ -235,3 +235,54 @@ def test_a_few_lost_samples_do_not_spoil_the_memory_of_noise_that_is_long(about,
     true = Noise(2.0, np.array(ar), "")
     assert [one.innovation for one in found] == pytest.approx([true.innovation] * 20, rel=0.25)
     assert np.mean([one.innovation * one.sigma for one in found]) == pytest.approx(2.0 * true.innovation, rel=0.03)
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.9, 0.97])
+def test_a_stated_level_is_not_overridden_by_a_residual_that_is_far_smaller(phi):
+    for seed in range(20):
+        row = series([phi] if phi else [], 400, seed, sigma=0.01)
+        noise = from_residual(row, np.ones(400), np.ones(400), stated=1.0)
+        assert (noise.sigma, noise.source) == (1.0, STATED)
+
+
+@pytest.mark.parametrize("counted", [5.0, 60.0, 4000.0])
+@pytest.mark.parametrize("ar", [[], [0.9]])
+def test_a_mean_square_lies_within_its_bounds(ar, counted):
+    noise = Noise(1.0, np.array(ar), "")
+    low, high = noise.mean_square_interval(counted)
+    rows = [series(ar, int(counted), seed, sigma=1.0) for seed in range(2000)]
+    outside = np.mean([not low < np.mean(row**2) < high for row in rows])
+    assert 0.0 < low < 1.0 < high
+    assert outside < 0.015  # 0.27 % where it is exactly chi-square
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.2, 0.6])
+@pytest.mark.parametrize("weight", [1.0, 0.2])
+@pytest.mark.parametrize("ar", [[], [0.8]])
+def test_the_level_of_known_memory_is_that_of_the_samples_that_count(ar, weight, lost):
+    row, counts = series(ar, 20_000), np.random.default_rng(5).random(20_000) >= lost
+    noise = with_autoregression(np.array(ar), row * counts, weight * counts, np.ones(20_000), None)
+    assert noise.sigma == pytest.approx(2.0, rel=0.15 if lost > 0.5 else 0.06)
+
+
+def test_the_level_of_samples_without_neighbours_is_their_mean_square():
+    row, counts = series([], 3000), np.arange(3000) % 3 == 0
+    noise = with_autoregression(np.zeros(0), row * counts, 1.0 * counts, np.ones(3000), None)
+    assert noise.sigma == pytest.approx(2.0, rel=0.06)
+
+
+@pytest.mark.parametrize("phi", [0.9, 0.999])
+def test_drawn_noise_is_stationary_from_its_first_sample_on(phi):
+    first = [series([phi], 5, seed)[0] for seed in range(4000)]
+    assert np.std(first) == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.parametrize("ratio", [0.25, 1.0, 3.0, 100.0])
+def test_noise_at_another_interval_keeps_its_level_and_its_correlation_in_time(ratio):
+    noise = Noise(2.0, np.array([0.95]), "")
+    other = noise.at_interval(ratio)
+    assert other.sigma == noise.sigma
+    lags = np.arange(1, 13)
+    np.testing.assert_allclose(other.autocorrelation(13)[1:], 0.95 ** (ratio * lags), atol=0.02)
+    white = Noise(2.0, np.zeros(0), "")
+    assert white.at_interval(ratio) is white

@@ -10,7 +10,7 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.part import Part
-from calib.diagnosis.prediction import Prediction, predicted
+from calib.diagnosis.prediction import Prediction, folds, predicted
 from calib.diagnosis.signature import Point
 
 CAUSE = SimpleNamespace(free=("c",), form=(), null=np.zeros(1))
@@ -153,3 +153,15 @@ def test_the_fall_is_that_of_least_squares_refitted_without_the_record():
         before += squares[0]
     assert found.reduction == pytest.approx(falls, rel=1e-9)
     assert found.without == pytest.approx(before, rel=1e-9)
+
+
+@pytest.mark.parametrize(("size", "blocks"), [(7, 0), (12, 0), (20, 2), (31, 3), (400, 4)])
+def test_blocks_of_time_of_a_short_record_are_never_empty_nor_all_of_it(size, blocks):
+    known = evidence(1)
+    [part] = known.parts
+    one = np.ones((1, size))
+    short = replace(part, time=TIME[:size], measured=0.0 * one, used=one > 0.0, weight=one)
+    found = folds(Evidence((short,)))
+    assert len(found) == blocks
+    assert all(0 < mask.sum() < size for _, mask in found)
+    assert not blocks or np.all(np.sum([mask for _, mask in found], axis=0) == 1)

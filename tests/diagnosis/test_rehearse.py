@@ -127,3 +127,11 @@ def test_a_rehearsed_response_has_the_noise_of_the_parts_on_flanks_too():
     variance = np.mean(np.square(left), axis=(0, 1)) / 1.5**2
     assert variance[flank].mean() == pytest.approx(1.0, abs=0.2)
     assert variance.mean() == pytest.approx(1.0, abs=0.1)
+
+
+def test_sizes_at_a_bound_are_rehearsed_once_with_the_z_that_they_have():
+    candidate = SimpleNamespace(null=np.zeros(1), low=np.zeros(1), high=np.ones(1))
+    suspect = SimpleNamespace(candidate=candidate, error=np.array([0.1]))
+    found = room._sizes(suspect, (5.0, 8.0, 20.0, 40.0))  # 40 standard errors would be 4
+    assert [strength for strength, _ in found] == [5.0, 8.0, pytest.approx(10.0)]
+    assert [float(sizes[0]) for _, sizes in found] == pytest.approx([0.5, 0.8, 1.0])

@@ -242,3 +242,11 @@ def test_entities_in_xml_are_refused(tmp_path, entity):
     path.write_text(f'<?xml version="1.0"?><!DOCTYPE engauge [{entity}]><Document>&a;</Document>')
     with pytest.raises(CalibError, match="entities in the XML are not read"):
         read(path)
+
+
+@pytest.mark.parametrize("cell", ["mm5", "Hz2", "A3"])
+def test_letters_before_a_number_are_no_mark_of_engauge(tmp_path, cell):
+    path = tmp_path / "points.csv"
+    path.write_text(f"x,y\n1.0,2.0\n2.0,{cell}\n")
+    with pytest.raises(CalibError, match="line 3: expected a number in column 'y'"):
+        read(path)

@@ -53,6 +53,10 @@ def test_without_a_direction_it_is_that_of_the_frequencies(tmp_path):
         (HEADER + ROWS.replace("up, 2", "on, 2"), "line 2: expected a direction 'up' or 'down', got 'on'"),
         (HEADER.replace("[mm]", "[kg]") + ROWS, "column 4"),
         (HEADER.replace(" [mm]", "") + ROWS, "column 'mass amplitude' states no unit"),
+        (
+            HEADER + ROWS.replace(", 4, 0, 20", ", -4, 0, 20"),
+            "line 3: an amplitude is expected at or above 0, got -4 mm",
+        ),
         (HEADER.replace("level [mN]", "level [s]") + ROWS, "expected a unit of force or displacement"),
         (HEADER.replace("mass phase", "mass fase") + ROWS, "column 'mass fase [deg]' is not known.*'mass phase'"),
         (HEADER + ROWS.replace("1.0, 500", "-1.0, 500"), "frequency is expected above 0"),

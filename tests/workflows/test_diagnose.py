@@ -246,6 +246,11 @@ def test_a_rehearsal_goes_on_where_it_was_stopped(folder):
     again = rehearse_study(folder, **asked, on_case=lambda done, of: told.append((done, of)))
     assert told == [(len(played), len(played))]
     assert [one.case.key for one in again] == [one.case.key for one in played]
+    text = (folder / "study.toml").read_text()
+    (folder / "fewer.toml").write_text(text.replace(', "channel_lag"', ""))
+    told.clear()
+    rehearse_study(folder / "fewer.toml", out=folder / "out", **asked, on_case=lambda done, of: told.append((done, of)))
+    assert told[0][0] == 1  # of other candidates all is played anew
 
 
 # --- windows

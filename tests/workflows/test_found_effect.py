@@ -23,7 +23,7 @@ from calib.errors import CalibError
 from calib.records import write
 from calib.study_file import load
 from calib.testing import EffectSuite
-from calib.workflows.found_effect import apply_force
+from calib.workflows.found_effect import apply_force, effect_name
 
 REGION = States(np.linspace(-2e-3, 3e-3, 50), np.linspace(-0.3, 0.2, 50))
 RATE = Factor(ODD_POWER, VELOCITY, (1.0, 1.0), fixed=True)
@@ -163,3 +163,28 @@ def test_the_study_that_a_diagnosis_has_extended_stays(file):
 def test_a_force_of_which_nobody_knows_the_arguments_is_not_applied(file):
     assert apply_force(file, replace(found(FORMULA), verdict="undetermined")) is None
     assert not (file.path.parent / "effects").exists()
+
+
+@pytest.mark.parametrize(
+    "names", [("梁", "柱"), ("beam A of " + 40 * "x", "beam B of " + 40 * "x"), ("müller 1", "m ller 1")]
+)
+def test_forces_of_two_studies_in_one_folder_have_files_of_their_own(tmp_path, names):
+    files = []
+    for name in names:
+        for record_name, amplitude, seed in (("soft", 6.0, 0), ("hard", 9.0, 1)):
+            write(record(amplitude, seed, {}), tmp_path / f"{record_name}.nc")
+        path = tmp_path / f"{len(files)}.toml"
+        path.write_text(STUDY.replace("bent spring", name))
+        files.append(load(path))
+    assert len({effect_name(file) for file in files}) == 2
+    assert all(effect_name(file).isidentifier() and effect_name(file).isascii() for file in files)
+
+
+def test_the_force_of_another_study_is_not_overwritten(tmp_path):
+    first = written(tmp_path)
+    apply_force(first, found(FORMULA))
+    text = (tmp_path / "study.toml").read_text()
+    (tmp_path / "other.toml").write_text(text.replace(first.study.name, first.study.name.replace(" ", "-")))
+    with pytest.raises(CalibError, match="is there, and is another study's: move it away, or rename the study"):
+        apply_force(load(tmp_path / "other.toml"), found(FORMULA))
+    apply_force(first, found(FORMULA))  # its own is written anew

@@ -49,3 +49,16 @@ def test_states_of_different_motions_are_no_curve(kind):
 
 def test_states_that_do_not_move_are_no_curve():
     assert curve_in_words(States(np.zeros(5), np.zeros(5)), ON_MASS) == ""
+
+
+@pytest.mark.parametrize("count", [3, 6, 8, 12, 16, 20])
+def test_few_samples_of_a_cycle_are_no_curve_for_a_function_that_passes_through_each(count):
+    phase = 2.0 * np.pi * (np.arange(10 * count) / count + 0.01)
+    assert not is_open_curve(States(2e-3 * np.cos(phase), -0.4 * np.sin(phase)))
+    states = States(*np.random.default_rng(count).standard_normal((2, count)))
+    assert not is_open_curve(states)
+
+
+def test_a_drop_of_few_samples_is_one():
+    x, v = falling(1.0)
+    assert is_open_curve(States(x[::6], v[::6]))

@@ -109,6 +109,7 @@ def test_predictions_have_their_share_inside_the_band_and_a_picture(periodic, un
     records = (
         PredictedRecordResult("clapping", False, 100, 2, 0, (channel,)),
         PredictedRecordResult("louder", True, 0, 0, 0, (), "its motion is irregular"),
+        PredictedRecordResult("long", False, 100, 0, 0, (channel,), "", 26_000, 2),
     )
     sampled = replace(PROFILED, posterior=PosteriorResult(tuple(own), -9.0, 0.03, 1100.0, 4000, records))
     time = np.linspace(0.0, 0.04, 50)
@@ -123,6 +124,8 @@ def test_predictions_have_their_share_inside_the_band_and_a_picture(periodic, un
     ]  # fmt: skip
     page = words(render(periodic.study, [], {}, CALIBRATED, confidence=sampled, predictions={"clapping": bands}))
     assert "clapping q3 velocity 61.3% 0.003 m/s stated in the record" in page
+    assert "long: its last 26000 samples are not predicted" in page
+    assert "long: bodies that are not predicted: 2" in page
     assert "Mind: clapping: 2 of 100 draws fail and are left out." in page
     assert "Mind: louder is not predicted: its motion is irregular." in page
 

@@ -757,3 +757,23 @@ def test_a_file_that_is_no_diagnosis_is_refused(text, tmp_path):
     (tmp_path / "diagnosis.json").write_text(text)
     with pytest.raises(CalibError, match="holds no diagnosis"):
         artifacts.read(tmp_path)
+
+
+def test_a_verdict_of_a_search_that_the_budget_ended_says_so(told):
+    said = document("unexplained", VALUES)
+    whole, rounds = headline(result(said)), said["rounds"] or [{"threshold": 3.0}]
+    begun = {**said, "cut_short": True, "rounds": [{**rounds[0], "untried": ["softening", "preload"]}, *rounds[1:]]}
+    assert "budget" not in whole
+    assert headline(result(begun)) == f"{whole} The budget was spent before all was tried."
+    texts = " ".join(points(result(begun)))
+    assert "fits were left out or broken off of softening and preload; not all further causes" in texts
+    assert not any("budget was spent" in text for text in points(result(said)))
+
+
+def test_the_effect_that_explains_most_and_is_none_is_in_the_headline():
+    said = {**document("unexplained", VALUES), "closest": []}
+    said["rounds"] = [{"threshold": 3.0, "rejected": "coulomb_friction", "rejection": "it does not predict other data"}]
+    text = (
+        "No known effect can be named as its cause: coulomb_friction explains most, but it does not predict other data."
+    )
+    assert headline(result(said)) == f"The misfit is more than noise. {text}"
