@@ -32,6 +32,7 @@ from scipy.signal import hilbert
 from calib.errors import CalibError
 from calib.records.motion_unit import MOTIONS
 from calib.records.response import LEVEL_UNITS, check_response, make_response
+from calib.units import plain_number
 
 STEPPED, SWEPT = "stepped", "swept"
 Sine = Literal["stepped", "swept"]
@@ -108,7 +109,7 @@ def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
     ------
     CalibError : no excitation, an interval that varies, or too few windows in which the excitation is one such sine
     """
-    where = str(record.attrs.get("source", "the record"))
+    where = str(record.attrs.get("source", "the record")).partition(",")[0]
     time, drive, rows = _signals(record, where)
     windows = _windows(time, drive, np.array([row for row, _ in rows.values()]), cycles)
     runs = _runs(sine, _moving(windows) if sine == SWEPT else _last_of_each_step(windows))
@@ -347,7 +348,7 @@ def _hurried(
     share = float(np.sqrt((lag / np.abs(amplitude).max(axis=1, keepdims=True) ** 2).max()))
     return float(ratio.max()), (
         f"from {low:.5g} to {high:.5g} Hz the response lags behind the sweep, by up to {100.0 * share:.2g} % of its "
-        f"largest amplitude and {ratio.max():.2g} times its noise, and its uncertainty is that large: "
-        f"{rate:.2g} Hz/s is fast there. The lag is in proportion to the rate; a record over time, "
+        f"largest amplitude, {plain_number(ratio.max(), 2)} times its noise; its uncertainty is that large there: "
+        f"{rate:.2g} Hz/s is fast. The lag is in proportion to the rate; a record over time, "
         "without tracking, is compared as fast as it is"
     )

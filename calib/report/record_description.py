@@ -110,7 +110,7 @@ def _response(record: xr.Dataset) -> Iterator[str]:
             top = int(np.argmax(own))
             noise = ""
             if stated:
-                sigma = float(np.median(record["response_sigma"].sel(body=body).values[points]))
+                sigma = float(record["response_sigma"].sel(body=body).values[points[top]])
                 noise = f", standard uncertainty {shown(sigma, 'm', 2)}"
             yield (
                 f"sweep {sweep:g} {way}, level {level_text(record, points)}, {points.size} "
