@@ -186,7 +186,7 @@ class Bench:
         reference = replace(self.objective.references[run.record], record=stepped)
         model, values = self.model.extended(*run.effects), values_for(run.values, run.record)
         record, curves = swept_curves(model, values, reference.excitation, stepped, run.sweeps)
-        prepared = PreparedResponse(reference, self.objective.terms)
+        prepared = PreparedResponse(reference, self.objective.terms_of(reference.name))
         failure = prepared.failure(record)
         if failure is not None and failure[0] != NOT_PERIODIC:
             return _failed(*failure)

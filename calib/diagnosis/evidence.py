@@ -18,7 +18,9 @@ INITIAL_RANK_TOLERANCE = 1e-9  # singular value over the largest, below which an
 
 def pairs_compared(objective: Objective) -> dict[str, Sequence[tuple[str, str]]]:
     """(body, channel) pairs of each reference that a diagnosis compares."""
-    return {name: compared_rows(reference, objective.terms) for name, reference in objective.references.items()}
+    return {
+        name: compared_rows(reference, objective.terms_of(name)) for name, reference in objective.references.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)

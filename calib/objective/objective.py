@@ -57,7 +57,9 @@ class Objective:
         self.terms, self.elsewhere = _distinct(terms), tuple(elsewhere)
         if not self.terms:
             raise CalibError("an objective needs at least one term; name a feature to compare")
-        self._prepared = {name: _prepared(reference, self.terms) for name, reference in self.references.items()}
+        self._prepared = {
+            name: _prepared(reference, self.terms_of(name)) for name, reference in self.references.items()
+        }
         self.scored = [name for name, reference in self.references.items() if reference.use == "calibrate"]
         if not self.scored:
             raise CalibError('no reference is used to calibrate; set use = "calibrate" for one of them at least')
@@ -93,8 +95,8 @@ class Objective:
     def on(self, references: Mapping[str, Reference]) -> "Objective":
         """Return the same terms over other references, all of them scored, whatever their use.
 
-        A term of named records keeps those that are there; where none is, it is taken for all that it can compare. Of
-        records that terms elsewhere name, those are taken, and of the others what can compare them too.
+        Records that terms elsewhere name are compared by these alone. Of the others a term of named records keeps those
+        that are there; where none is, it is taken for all that it can compare.
 
         Raises
         ------
@@ -102,12 +104,15 @@ class Objective:
         """
         scored = {name: replace(reference, use="calibrate") for name, reference in references.items()}
         terms = [taken for term in self.elsewhere if (taken := _of(term, scored)).records]
-        named, refusal = bool(terms), None
-        for term in self.terms:
-            taken = _of(term, scored)
+        named = {name for term in terms for name in term.records or ()}
+        rest, refusal = {name: reference for name, reference in scored.items() if name not in named}, None
+        for term in self.terms if rest else ():
+            taken = _of(term, rest)
+            if named and not taken.records:
+                taken = replace(taken, records=tuple(rest))
             try:
-                if not taken.records and (named or term.records is not None):
-                    Objective(scored, [taken])
+                if term.records is not None and not set(term.records) & set(rest):
+                    Objective(rest, [taken])
             except CalibError as error:
                 refusal = error
             else:
@@ -119,6 +124,11 @@ class Objective:
         except CalibError as error:
             remedy = f"give {', '.join(scored)} a term of its own, with records = {list(scored)}"
             raise CalibError(f"{error}; or {remedy}") from error
+
+    def terms_of(self, name: str) -> Sequence[Term]:
+        """Terms that compare a record: those elsewhere that name it, else those that name it or none, else all."""
+        elsewhere = [term for term in self.elsewhere if name in (term.records or ())]
+        return elsewhere or [t for t in self.terms if t.records is None or name in t.records] or self.terms
 
     def with_free_trigger(self, name: str) -> "Objective":
         """Return the same comparison with the trigger of the reference `name` among its nuisances."""

@@ -31,6 +31,7 @@ from scipy.signal import hilbert
 
 from calib.errors import CalibError
 from calib.records.motion_unit import MOTIONS
+from calib.records.record import prescribed
 from calib.records.response import LEVEL_UNITS, check_response, make_response
 from calib.units import plain_number
 
@@ -46,15 +47,19 @@ MAX_DRIVE_RESIDUAL = 0.3  # rms of the excitation beside one sine, over that sin
 LEAST_CHANGE = 2e-5  # of a frequency, relative, from which it changes  [1]
 MIN_CHANGE_STD = 5.0  # of a frequency, over its standard error, from which it changes  [1]
 SMOOTHED_WINDOWS = 5  # of a sweep over which the variance of the noise is averaged  [count]
+MAX_RATE_CHANGE = 3.0  # of a sweep, from window to window  [1]
+MAX_LEVEL_STEP = 0.1  # of levels that are nearly the same, relative  [1]
 LEAST_DRIFT = 4.0  # of the square of a drift in a step, over its mean by noise, above which it is one  [1]
 CURVATURE_POINTS = 5  # of which the second derivative of a response is determined  [count]
 MIN_SWEEP_POINTS = 4  # of a sweep, or of a series of steps in one direction  [count]
 MAX_LEVEL_DEPARTURE = 3.0  # mean square of the departures of constant levels, over their variance  [1]
 MIN_LEVEL_VARIATION = 1e-3  # relative, of levels that vary  [1]
+MAX_LAG_SHARE = 0.2  # of the response that it may lag behind a sweep, in a point of it  [1]
+MAX_STEP_SHARE = 0.5  # of the response by which it may change from point to point of a sweep  [1]
 MAX_LAG = 3.0  # of the response behind a sweep, over its noise, above which a warning says so  [1]
 VALUE_VARIANCE = 1.0 + 5.0 / 4.0  # of c_0 - c_2 / 2, the value in the middle of a window, over that of c_0  [1]
 DRIFT_VARIANCE = 3.0  # of c_1, the change over half of a window, over that of c_0  [1]
-MAX_INTERVAL_CHANGE = 0.1  # of the interval between samples, relative  [1]
+MAX_CLOCK_DEPARTURE = 0.3  # of the instants from equal intervals, over one  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,14 +87,15 @@ class _Window:
     drift: np.ndarray
     variance: np.ndarray
 
-    def differs_from(self, other: "_Window") -> bool:
-        """Whether the frequency of another window differs by more than noise.
+    def step_to(self, other: "_Window", noise: float) -> float:
+        """Direction of the frequency from this window to another, 0 where it is no more than noise [Hz] of either."""
+        step = other.frequency - self.frequency
+        least = max(MIN_CHANGE_STD * math.sqrt(2.0) * noise, LEAST_CHANGE * self.frequency)
+        return float(np.sign(step)) if abs(step) > least else 0.0
 
-        The noise of both is that of the quieter one: where the frequency changes in one, that looks like noise.
-        """
-        noise = math.sqrt(2.0) * min(self.frequency_sigma, other.frequency_sigma)
-        least = max(MIN_CHANGE_STD * noise, LEAST_CHANGE * self.frequency)
-        return abs(self.frequency - other.frequency) > least
+    def has_level_of(self, other: "_Window") -> bool:
+        """Whether the level of another window is nearly the same."""
+        return abs(self.level - other.level) < MAX_LEVEL_STEP * max(self.level, other.level)
 
 
 def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
@@ -112,7 +118,9 @@ def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
     where = str(record.attrs.get("source", "the record")).partition(",")[0]
     time, drive, rows = _signals(record, where)
     windows = _windows(time, drive, np.array([row for row, _ in rows.values()]), cycles)
-    runs = _runs(sine, _moving(windows) if sine == SWEPT else _last_of_each_step(windows))
+    noise = float(np.median([one.frequency_sigma for one in windows])) if windows else 0.0
+    used = _moving(windows, noise) if sine == SWEPT else _last_of_each_step(windows, noise)
+    runs = _sweeps(used) if sine == SWEPT else _series(used, noise)
     if not runs:
         raise CalibError(
             f"{where}: the excitation is one sine in {len(windows)} windows of {cycles} cycles, but no "
@@ -120,6 +128,10 @@ def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
             f"{' (a step needs three windows)' if sine == STEPPED else ''}; mend sine, take other cycles, or a record "
             "that is sampled faster"
         )
+    lost = len(used) - sum(map(len, runs))
+    if lost and sine == STEPPED:
+        text = f"{lost} of {len(used)} steps are left out, which are no {MIN_SWEEP_POINTS} in one direction"
+        warnings.warn(f"{where}: {text}", stacklevel=2)
     return _assembled(record, runs, [rates for _, rates in rows.values()], list(rows), sine, where)
 
 
@@ -130,11 +142,17 @@ def _signals(
     if "excitation" not in record or record["excitation"].attrs.get("units") not in LEVEL_UNITS:
         raise CalibError(f"{where}: tracking needs a recorded excitation, a force or a displacement")
     time = record["time"].values
-    steps = np.diff(time)
-    if time.size < 2 or np.ptp(steps) > MAX_INTERVAL_CHANGE * steps.mean():
-        raise CalibError(f"{where}: tracking needs samples at a constant interval; resample the record")
+    uniform = np.linspace(time[0], time[-1], time.size)
+    if time.size < 2 or np.abs(time - uniform).max() > MAX_CLOCK_DEPARTURE * (uniform[1] - uniform[0]):
+        raise CalibError(
+            f"{where}: tracking needs samples at a constant interval; state the rate of the clock in the place of "
+            "time, or resample the record"
+        )
+    if not np.isfinite(record["excitation"].values).all():
+        raise CalibError(f"{where}: the excitation holds NaN or infinity; cut those samples off")
+    given = {body for body, channel in prescribed(record) if channel == "displacement"}
     rows: dict[str, tuple[np.ndarray, int]] = {}
-    for body in map(str, record["body"].values):
+    for body in (body for body in map(str, record["body"].values) if body not in given):
         for rates, channel in enumerate(MOTIONS):
             values = record[channel].sel(body=body).values if channel in record else np.full(time.size, np.nan)
             if np.isfinite(values).all():
@@ -142,6 +160,8 @@ def _signals(
                 break
         else:
             raise CalibError(f"{where}: body {body!r} has none of {', '.join(MOTIONS)} without gaps")
+    if not rows:
+        raise CalibError(f"{where}: the excitation prescribes the motion of all bodies; measure another one")
     return time, record["excitation"].values, rows
 
 
@@ -211,32 +231,62 @@ def _columns(s: np.ndarray, phase: np.ndarray, harmonics: Sequence[int]) -> np.n
     return np.column_stack([both.reshape(s.size, -1), np.ones(s.size), *further])
 
 
-def _last_of_each_step(windows: Sequence[_Window]) -> list[_Window]:
-    """Last window of each step, where the motion has settled longest: of one frequency with the window before it."""
-    steady = [w for before, w in zip(windows[:-1], windows[1:], strict=True) if not w.differs_from(before)]
+def _last_of_each_step(windows: Sequence[_Window], noise: float) -> list[_Window]:
+    """Last window of each step, where the motion has settled longest: like the window before it."""
+    pairs = zip(windows[:-1], windows[1:], strict=True)
+    steady = [w for before, w in pairs if not before.step_to(w, noise) and w.has_level_of(before)]
     return [
         one
         for one, after in zip(steady, [*steady[1:], None][: len(steady)], strict=True)
-        if after is None or after.differs_from(one) or after.number - one.number > 1
+        if after is None or one.step_to(after, noise) or not one.has_level_of(after) or after.number - one.number > 1
     ]
 
 
-def _moving(windows: Sequence[_Window]) -> list[_Window]:
+def _series(steps: Sequence[_Window], noise: float) -> list[list[_Window]]:
+    """Series of steps in one direction; several levels at each frequency are as many series."""
+    at_one_frequency: list[list[_Window]] = []
+    for one in steps:
+        if not at_one_frequency or at_one_frequency[-1][-1].step_to(one, noise):
+            at_one_frequency.append([])
+        at_one_frequency[-1].append(one)
+    levels = int(np.median([len(own) for own in at_one_frequency])) if at_one_frequency else 0
+    if levels > 1:
+        return [
+            run for k in range(levels) for run in _one_way([own[k] for own in at_one_frequency if k < len(own)], noise)
+        ]
+    return _one_way(steps, noise)
+
+
+def _one_way(steps: Sequence[_Window], noise: float) -> list[list[_Window]]:
+    """Runs of steps whose frequency goes on in one direction."""
+    runs, way = [list(steps[:1])], 0.0
+    for before, one in zip(steps[:-1], steps[1:], strict=True):
+        step = before.step_to(one, noise)
+        if not step or (way and step != way):
+            runs.append([])
+            step = 0.0
+        runs[-1].append(one)
+        way = step
+    return [run for run in runs if len(run) >= MIN_SWEEP_POINTS]
+
+
+def _moving(windows: Sequence[_Window], noise: float) -> list[_Window]:
     """Windows whose neighbours differ in frequency: without those where the excitation waits, or turns."""
     ends = zip([windows[0], *windows[:-1]], windows, [*windows[1:], windows[-1]], strict=True) if windows else ()
-    return [one for before, one, after in ends if after.differs_from(before)]
+    return [one for before, one, after in ends if before.step_to(after, noise)]
 
 
-def _runs(sine: Sine, windows: Sequence[_Window]) -> list[list[_Window]]:
-    """Runs of windows whose frequency goes on in one direction; of a sweep without a window missing."""
-    runs, way = [list(windows[:1])], 0.0
-    for before, one in zip(windows[:-1], windows[1:], strict=True):
-        step = float(np.sign(one.frequency - before.frequency))
-        if (way and step != way) or (sine == SWEPT and one.number - before.number > 1):
+def _sweeps(windows: Sequence[_Window]) -> list[list[_Window]]:
+    """Runs of windows whose frequency goes on in one direction at about one rate, over windows that are missing too."""
+    runs = [list(windows[:1])]
+    for one in windows[1:]:
+        run = runs[-1]
+        step = (one.frequency - run[-1].frequency) / (one.time - run[-1].time)
+        pairs = zip(run[-4:-1], run[-4:][1:], strict=True)
+        before = [(b.frequency - a.frequency) / (b.time - a.time) for a, b in pairs]
+        ratio = step / float(np.median(before)) if before else 1.0
+        if not 1.0 / MAX_RATE_CHANGE < ratio < MAX_RATE_CHANGE:
             runs.append([])
-            way = 0.0
-        else:
-            way = step
         runs[-1].append(one)
     return [run for run in runs if len(run) >= MIN_SWEEP_POINTS]
 
@@ -247,34 +297,35 @@ def _assembled(
 ) -> xr.Dataset:  # fmt: skip
     """Return the response of the windows of all sweeps."""
     points: list[tuple[np.ndarray, ...]] = []
-    noted = []
     for number, run in enumerate(runs):
         frequency = np.array([one.frequency for one in run])
         per_motion = 1.0 / (2j * math.pi * frequency) ** np.array(rates)[:, None]  # displacement of a velocity, ...
         amplitude = np.array([one.response for one in run]).T * per_motion
-        variance = _smoothed(np.array([one.variance for one in run]).T)
-        ratio = np.abs([one.response / one.level for one in run]).T
-        noise = (variance[1:] + ratio**2 * variance[0]) * np.abs(per_motion) ** 2
+        variance, level = _smoothed(np.array([one.variance for one in run]).T), np.array([one.level for one in run])
+        noise = (variance[1:] + np.abs(amplitude / per_motion / level) ** 2 * variance[0]) * np.abs(per_motion) ** 2
         if sine == SWEPT:
             further = _lag(run, amplitude, VALUE_VARIANCE * noise)
-            noted.append(_hurried(run, amplitude, further, VALUE_VARIANCE * noise))
+            kept = _is_quasi_steady(amplitude, further)
+            _warn_of_lag(where, run, kept, np.sqrt(further / (2.0 * VALUE_VARIANCE * noise)).max(axis=0))
         else:
             drift = np.abs(np.array([one.drift for one in run]).T * per_motion) ** 2
             chance = 2.0 * DRIFT_VARIANCE * noise
-            further = np.where(drift > LEAST_DRIFT * chance, drift - chance, 0.0)
+            further, kept = np.where(drift > LEAST_DRIFT * chance, drift - chance, 0.0), np.ones(len(run), dtype=bool)
+        if np.count_nonzero(kept) < MIN_SWEEP_POINTS:
+            continue
         sigma = np.sqrt(VALUE_VARIANCE * noise + further / 2.0)
         floor = np.finfo(float).eps * np.abs(amplitude).max(axis=1, keepdims=True)
-        points.append((
-            frequency, amplitude, _levels(run, variance[0]), np.full(frequency.size, float(number)),
+        one = (
+            frequency, amplitude, _levels(level, variance[0]), np.full(frequency.size, float(number)),
             np.full(frequency.size, np.sign(frequency[-1] - frequency[0])), np.maximum(sigma, floor),
             np.maximum([one.frequency_sigma for one in run], np.finfo(float).eps * frequency),
-        ))  # fmt: skip
+        )  # fmt: skip
+        points.append(tuple(values[..., kept] for values in one))
+    if not points:
+        raise CalibError(f"{where}: every sweep is too fast to be a frequency response; compare the record over time")
     frequency, amplitude, level, sweep, direction, sigma, frequency_sigma = (
         np.concatenate(own, axis=-1) for own in zip(*points, strict=True)
     )
-    worst = max((one for one in noted if one is not None), default=None)
-    if worst is not None:
-        warnings.warn(f"{where}: {worst[1]}", stacklevel=2)
     attrs = {key: record.attrs[key] for key in ("place", "quantity", "source") if key in record.attrs}
     made = make_response(
         frequency, bodies, amplitude, level, str(record["excitation"].attrs["units"]), sweep, direction,
@@ -292,9 +343,8 @@ def _smoothed(variance: np.ndarray) -> np.ndarray:
     return np.asarray((sums[:, begin + width] - sums[:, begin]) / width)
 
 
-def _levels(run: Sequence[_Window], variance: np.ndarray) -> np.ndarray:
+def _levels(level: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Levels (point,) of a sweep: their mean where they do not vary by more than noise of this variance (point,)."""
-    level = np.array([one.level for one in run])
     mean, chance = float(level.mean()), VALUE_VARIANCE * float(variance.mean())
     if np.mean((level - mean) ** 2) < max(MAX_LEVEL_DEPARTURE * chance, (MIN_LEVEL_VARIATION * mean) ** 2):
         return np.full(level.size, mean)
@@ -304,11 +354,11 @@ def _levels(run: Sequence[_Window], variance: np.ndarray) -> np.ndarray:
 def _lag(run: Sequence[_Window], amplitude: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Square of the lag (row, point) of the response behind a sweep, less what noise of this variance makes of it."""
     omega = 2.0 * math.pi * np.array([one.frequency for one in run])
-    rate = np.gradient(omega, [one.time for one in run])
+    rate, level = np.gradient(omega, [one.time for one in run]), np.array([one.level for one in run])
     square = np.zeros(amplitude.shape)
     for k in range(omega.size):
         own, curvature = _curvature(omega, k, rate[k] ** 2 / (2.0 * variance[:, k].min()), variance)
-        half = amplitude[:, own] @ curvature
+        half = amplitude[:, own] @ curvature - amplitude[:, k] / level[k] * (level[own] @ curvature)
         chance = 2.0 * variance[:, own] @ curvature**2
         square[:, k] = rate[k] ** 2 * np.maximum(0.0, np.abs(half) ** 2 - chance)
     return square
@@ -332,23 +382,46 @@ def _curvature(omega: np.ndarray, k: int, weight: float, variance: np.ndarray) -
         width = min(n, 2 * width)
 
 
-def _hurried(
-    run: Sequence[_Window], amplitude: np.ndarray, lag: np.ndarray, variance: np.ndarray
-) -> tuple[float, str] | None:
-    """Where a sweep is too fast: the ratio of lag and noise, and what to say; None where it is not.
+def _is_quasi_steady(amplitude: np.ndarray, lag: np.ndarray) -> np.ndarray:
+    """Whether a response (row, point) of a sweep is nearly that of steady motion, by point.
 
-    lag : square of that of the amplitude (row, point)
+    Where its lag, of this square, is a large part of it, or where it changes by such a part from point to point, the
+    expansion does not hold: at a jump, and where the sweep is too fast.
     """
-    ratio = np.sqrt((lag / np.maximum(2.0 * variance, np.finfo(float).tiny)).max(axis=0))
-    if not ratio.max() > MAX_LAG:
-        return None
-    there, worst = np.flatnonzero(ratio > MAX_LAG), int(ratio.argmax())
-    low, high = sorted((run[there[0]].frequency, run[there[-1]].frequency))
-    rate = abs(float(np.gradient([one.frequency for one in run], [one.time for one in run])[worst]))
-    share = float(np.sqrt((lag / np.abs(amplitude).max(axis=1, keepdims=True) ** 2).max()))
-    return float(ratio.max()), (
-        f"from {low:.5g} to {high:.5g} Hz the response lags behind the sweep, by up to {100.0 * share:.2g} % of its "
-        f"largest amplitude, {plain_number(ratio.max(), 2)} times its noise; its uncertainty is that large there: "
-        f"{rate:.2g} Hz/s is fast. The lag is in proportion to the rate; a record over time, "
-        "without tracking, is compared as fast as it is"
-    )
+    size, step = np.abs(amplitude), np.abs(np.diff(amplitude, axis=1))
+    off = np.sqrt(lag) > MAX_LAG_SHARE * size
+    jumps = step > MAX_STEP_SHARE * np.maximum(size[:, :-1], size[:, 1:])
+    off[:, :-1] |= jumps
+    off[:, 1:] |= jumps
+    return ~off.any(axis=0)
+
+
+def _warn_of_lag(where: str, run: Sequence[_Window], kept: np.ndarray, ratio: np.ndarray) -> None:
+    """Say where a response lags behind a sweep, by this ratio (point,) to its noise, and what was left out."""
+    way = "up" if run[-1].frequency > run[0].frequency else "down"
+
+    def between(there: np.ndarray) -> str:
+        low, high = sorted(
+            (run[int(np.flatnonzero(there)[0])].frequency, run[int(np.flatnonzero(there)[-1])].frequency)
+        )
+        return f"{low:.5g} to {high:.5g} Hz"
+
+    texts = []
+    behind = kept & (ratio > MAX_LAG)
+    if behind.any():
+        texts.append(
+            f"from {between(behind)} the response lags behind the sweep, by up to "
+            f"{plain_number(float(ratio[behind].max()), 2)} times its noise, and its uncertainty is that large"
+        )
+    if not kept.all():
+        texts.append(
+            f"{np.count_nonzero(~kept)} of {kept.size} points, from {between(~kept)}, are left out, where it jumps or "
+            "the sweep is too fast"
+        )
+    if texts:
+        rate = abs(run[-1].frequency - run[0].frequency) / (run[-1].time - run[0].time)
+        warnings.warn(
+            f"{where}, sweep {way} at {rate:.2g} Hz/s: {'; '.join(texts)}. A record over time, without tracking, is "
+            "compared as fast as it is",
+            stacklevel=4,
+        )

@@ -92,6 +92,8 @@ def _read(path: Path, digest: str, kind: str, read: Callable[[Mapping[str, Any]]
     for number, line in enumerate(whole.splitlines(keepends=True)):
         try:
             content = json.loads(line)
+            if number == 0 and IDENTITY not in content:  # of an earlier format
+                return {}, 0
             if not checksum.is_intact(line, content):
                 raise ValueError("its check sum does not fit its content")
             if number == 0:

@@ -51,6 +51,11 @@ def checked_drive(
                 (*key, "table", "tracking"),
                 "tracking needs the excitation as measured: state its column in [record.excitation]",
             )
+        if how.tracking is not None and how.cutoff is not None:
+            mistakes.add(
+                (*key, "table", "cutoff"),
+                "a low-pass changes the motion that is tracked, and tracking filters more narrowly; drop cutoff",
+            )
     _check_keys(how, key, mistakes)
     return drive
 

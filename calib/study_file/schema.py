@@ -173,7 +173,7 @@ class TrackingTable(TomlTable):
 
     sine: Literal["stepped", "swept"]
     """Whether the frequency of the excitation is stepped or swept."""
-    cycles: Annotated[int, Field(ge=4)] = CYCLES
+    cycles: Annotated[int, Field(ge=8)] = CYCLES
     """Cycles of the excitation in a window, of which each is a point: more have less noise, and less resolution."""
 
 

@@ -393,7 +393,7 @@ def _prediction_summary(file: StudyFile, name: str, answer: Evaluation | Failure
     reference, objective = file.others[name], file.study.objective
     simulated = answer.records[name]
     compared = objective.on({name: reference}).compared(name, simulated)
-    return held_out(answer.score, record_misfit(reference, objective.terms, simulated, compared))
+    return held_out(answer.score, record_misfit(reference, objective.terms_of(name), simulated, compared))
 
 
 def _in_the_place_of_intervals(

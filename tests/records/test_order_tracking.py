@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.signal import cont2discrete, lfilter
 
 from calib import records
@@ -113,10 +114,12 @@ def test_a_sweep_gives_the_response_up_and_down_within_its_uncertainty(rate):
 
 
 def test_a_sweep_that_is_too_fast_says_where_and_by_how_much():
-    with pytest.warns(
-        UserWarning, match=r"sweeps.csv: from 2\d\.\d+ to 2\d\.\d+ Hz the response lags behind the sweep"
-    ):
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always")
         response = tracked(swept(5, 0.2), SWEPT)
+    for way, one in zip(("up", "down"), noted, strict=True):
+        begin = rf"sweeps.csv, sweep {way} at 0.2 Hz/s: from 2\d\.\d+ to 2\d\.\d+ Hz the response lags behind the sweep"
+        assert re.match(begin, str(one.message))
     exact = receptance(response.frequency.values) * 0.5
     peak = np.abs(exact) > 0.7 * np.abs(exact).max()
     assert np.abs(complex_amplitude(response)[0] - exact)[peak].max() > 0.05 * np.abs(exact).max()
@@ -134,6 +137,56 @@ def test_a_level_that_a_shaker_does_not_hold_is_kept_point_by_point():
     assert response.level.values == pytest.approx(expected, rel=3e-3)
     exact = receptance(response.frequency.values) * response.level.values
     assert np.abs((complex_amplitude(response)[0] - exact) / response.response_sigma.values[0]).max() < 5.0
+
+
+def test_several_levels_at_each_frequency_are_a_sweep_each():
+    frequency, level = np.repeat(UP_AND_DOWN[:10], 3), np.tile([0.1, 0.3, 1.0], 10)
+    fine = int(7.3 * RATE * FINER)
+    phase = 2.0 * np.pi * np.cumsum(np.repeat(frequency, fine)) / (RATE * FINER)
+    response = tracked(measured(phase, np.repeat(level, fine), 9, noise=1e-3, hum=0.0), STEPPED)
+    assert response.level.values == pytest.approx(np.repeat([0.1, 0.3, 1.0], 10), rel=5e-3)
+    assert response.sweep.values.tolist() == np.repeat([0.0, 1.0, 2.0], 10).tolist()
+    exact = receptance(response.frequency.values) * response.level.values
+    assert np.abs((complex_amplitude(response)[0] - exact) / response.response_sigma.values[0]).max() < 5.0
+
+
+@pytest.mark.parametrize("back", [3.0, 10.0, 20.0])
+def test_a_fast_return_between_sweeps_leaves_nothing_that_is_wrong(back):
+    up, down = (np.linspace(*ends, int(s * RATE * FINER)) for ends, s in (((19, 26), 140.0), ((26, 19), back)))
+    frequency = np.concatenate([up, down, up])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        response = tracked(measured(2.0 * np.pi * np.cumsum(frequency) / (RATE * FINER), 0.5, 10), SWEPT)
+    ways = [own.direction.values[0] for _, own in response.groupby("sweep") if own.sizes["point"] > 100]
+    assert ways == [1.0, 1.0]
+    exact = receptance(response.frequency.values) * 0.5
+    assert np.abs(complex_amplitude(response)[0] - exact).max() < 0.2 * np.abs(exact).max()
+
+
+def test_sweeps_go_on_over_a_gap():
+    record = swept(11, 0.05)
+    force = record.excitation.values.copy()
+    force[int(60.0 * RATE) : int(61.0 * RATE)] = 0.0  # a loose contact
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        response = tracked(record.assign(excitation=("time", force, {"units": "N"})), SWEPT)
+    assert np.unique(response.sweep.values).size == 2
+
+
+def test_what_the_excitation_prescribes_is_left_out():
+    record = stepped(3)
+    base = record.assign_coords(body=["base"])
+    both = xr.concat([base, record], "body", data_vars="minimal", combine_attrs="override")
+    response = tracked(both.assign_attrs(prescribed=records.prescription(["base"])), STEPPED)
+    assert response.body.values.tolist() == ["mass"]
+    with pytest.raises(CalibError, match="prescribes the motion of all bodies"):
+        tracked(base.assign_attrs(prescribed=records.prescription(["base"])), STEPPED)
+
+
+def test_instants_that_are_rounded_are_an_even_clock():
+    record = stepped(3)
+    rounded = record.assign_coords(time=np.round(record.time.values, 4) + 1234.5)
+    assert tracked(rounded, STEPPED).sizes["point"] == UP_AND_DOWN.size
 
 
 def test_what_is_no_such_sine_is_refused():
@@ -224,7 +277,8 @@ def test_the_values_behind_tracked_steps_are_found_within_their_intervals(folder
             "tracking is a key that a table over time has",
         ),
         ('"stepped"', '"hopped"', "sine"),
-        ("cycles = 25", "cycles = 2", "cycles"),
+        ("cycles = 25", "cycles = 4", "cycles"),
+        ("cycles = 25 }", 'cycles = 25 }\ncutoff = "60 Hz"', "drop cutoff"),
         ('"stepped"', '"swept"', "are a swept sine one after the other"),
     ],
 )
