@@ -303,9 +303,10 @@ def _assembled(
         amplitude = np.array([one.response for one in run]).T * per_motion
         variance, level = _smoothed(np.array([one.variance for one in run]).T), np.array([one.level for one in run])
         noise = (variance[1:] + np.abs(amplitude / per_motion / level) ** 2 * variance[0]) * np.abs(per_motion) ** 2
+        noise = np.maximum(noise, np.finfo(float).tiny)
         if sine == SWEPT:
             further = _lag(run, amplitude, VALUE_VARIANCE * noise)
-            kept = _is_quasi_steady(amplitude, further)
+            kept = _is_quasi_steady(amplitude, further, VALUE_VARIANCE * noise)
             _warn_of_lag(where, run, kept, np.sqrt(further / (2.0 * VALUE_VARIANCE * noise)).max(axis=0))
         else:
             drift = np.abs(np.array([one.drift for one in run]).T * per_motion) ** 2
@@ -382,15 +383,18 @@ def _curvature(omega: np.ndarray, k: int, weight: float, variance: np.ndarray) -
         width = min(n, 2 * width)
 
 
-def _is_quasi_steady(amplitude: np.ndarray, lag: np.ndarray) -> np.ndarray:
+def _is_quasi_steady(amplitude: np.ndarray, lag: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Whether a response (row, point) of a sweep is nearly that of steady motion, by point.
 
     Where its lag, of this square, is a large part of it, or where it changes by such a part from point to point, the
-    expansion does not hold: at a jump, and where the sweep is too fast.
+    expansion does not hold: at a jump, and where the sweep is too fast. What noise may do is no such change.
+
+    variance : (row, point) of the noise of either part
     """
     size, step = np.abs(amplitude), np.abs(np.diff(amplitude, axis=1))
-    off = np.sqrt(lag) > MAX_LAG_SHARE * size
-    jumps = step > MAX_STEP_SHARE * np.maximum(size[:, :-1], size[:, 1:])
+    chance = MIN_CHANGE_STD * np.sqrt(2.0 * variance)
+    off = np.sqrt(lag) > MAX_LAG_SHARE * size + chance
+    jumps = step > MAX_STEP_SHARE * np.maximum(size[:, :-1], size[:, 1:]) + np.hypot(chance[:, :-1], chance[:, 1:])
     off[:, :-1] |= jumps
     off[:, 1:] |= jumps
     return ~off.any(axis=0)

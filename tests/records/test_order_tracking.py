@@ -173,6 +173,18 @@ def test_sweeps_go_on_over_a_gap():
     assert np.unique(response.sweep.values).size == 2
 
 
+def test_a_motion_below_its_noise_loses_no_point():
+    record = swept(12, 0.05, hum=0.0)
+    noise = np.random.default_rng(1).standard_normal(record.displacement.shape)
+    record = record.assign(displacement=record.displacement + 5.0 * float(record.displacement.std()) * noise)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        response = tracked(record, SWEPT)
+    off = np.abs(departures(response))
+    assert response.sizes["point"] > 250
+    assert np.sqrt(np.mean(off**2) / 2.0) == pytest.approx(1.0, abs=0.1)
+
+
 def test_what_the_excitation_prescribes_is_left_out():
     record = stepped(3)
     base = record.assign_coords(body=["base"])
