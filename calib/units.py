@@ -20,8 +20,8 @@ MILLIGRAMS_TO = 5e-4  # kg: and to such masses in mg
 POWERS_FROM = 1e5  # such and larger numbers are written with a power of ten  [1]
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
-# a further number that no operator joins, but that of a reciprocal as in '3 1/s': pint multiplies by it
-SECOND_NUMBER = re.compile(r"[^\s*/^(+\-]\s+(?!1\s*/)[.\d]")
+# a further number that no operator joins, but the one of a reciprocal, '3 1/s', or of none, '3 1': pint multiplies by it
+SECOND_NUMBER = re.compile(r"[^\s*/^(+\-]\s+(?!1\s*(/|$))[.\d]")
 
 COMMON_UNITS = (
     "m",

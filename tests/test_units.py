@@ -48,6 +48,13 @@ def test_hertz_is_never_converted_to_another_rate(text, unit):
 
 
 @pytest.mark.parametrize(
+    ("text", "unit", "value"), [("3 1/s", "1/s", 3.0), ("3 1", "1", 3.0), ("0.5 1 / m", "1/m", 0.5)]
+)
+def test_the_one_of_a_reciprocal_is_no_second_number(text, unit, value):
+    assert to_si(text, unit) == value
+
+
+@pytest.mark.parametrize(
     ("text", "unit", "says"),
     [
         ("1 mm", "s", "can be given in s"),
