@@ -20,7 +20,7 @@ MILLIGRAMS_TO = 5e-4  # kg: and to such masses in mg
 POWERS_FROM = 1e5  # such and larger numbers are written with a power of ten  [1]
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
-# a further number that no operator joins, but the one of a reciprocal, '3 1/s', or of none, '3 1': pint multiplies by it
+# a further number that no operator joins, but the one of '3 1/s' and of '3 1': pint would multiply by it
 SECOND_NUMBER = re.compile(r"[^\s*/^(+\-]\s+(?!1\s*(/|$))[.\d]")
 
 COMMON_UNITS = (
