@@ -97,8 +97,8 @@ def _written(folder: Path, name: str, study: str, text: str) -> str:
     if path.exists():
         known = path.read_text(encoding="utf-8")
         if MARK not in known or _source(study) not in known:
-            whose = "another study's" if MARK in known else "not of `calib discover`"
-            raise CalibError(f"{path} is there, and is {whose}: move it away, or rename the study")
+            whose = "is another study's" if MARK in known else "`calib discover` has not written it"
+            raise CalibError(f"{path} is there, and {whose}: move it away, or rename the study")
     path.parent.mkdir(exist_ok=True)
     with whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
