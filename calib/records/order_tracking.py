@@ -5,16 +5,16 @@ The record is cut into windows of whole cycles of the excitation. In each a moti
     x(t) = Re((c_0 P_0(s) + c_1 P_1(s) + c_2 P_2(s)) exp(i phi(t))) + mean + harmonics,
 
 phi the phase of the excitation, P_j Legendre polynomials over the window, s from -1 to 1, fitted by least squares (the
-Vold-Kalman filter has the same signal model: Tuma, Journal of Vibration and Control 11 (2005) 1). The response is its
+Vold-Kalman filter has the same signal model: Vold & Leuridan, SAE paper 931288 (1993)). The response is its
 value in the middle over that of the excitation. The polynomials of orders 3 to 8 are fitted too: what they amount to is
 noise near the frequency of the excitation, whatever its spectrum elsewhere - hum, harmonics, another mode - and tells
 the standard uncertainty, as tapers do of a spectral estimate (Thomson, Proceedings of the IEEE 70 (1982) 1055).
 
-A frequency response is that of steady motion. Behind a sweep of the rate w' [rad/s^2] a linear system lags: it shows
-H - i w' H'' / 2, with its second derivative by w (the first term of the expansion of White, Journal of Sound and
-Vibration 24 (1972) 1, for slow sweeps). The size of that term is part of the uncertainty, and where it exceeds the
-noise a warning says which rate would be slow enough. On a step, what the motion still changes in the window is part of
-the uncertainty.
+A frequency response is that of steady motion. Behind a sweep of the rate w' [rad/s^2] a linear system lags: under the
+level A it shows H A - i w' (H'' A + 2 H' A') / 2, with derivatives by w (Carson & Fry, Bell System Technical Journal 16
+(1937) 513). The size of that term is part of the uncertainty, and where it exceeds the noise a warning says so; where
+it is a large part of the response, the point is left out. On a step, what the motion still changes in the window is
+part of the uncertainty.
 """
 
 import math

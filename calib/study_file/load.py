@@ -247,6 +247,9 @@ def _placed(simulator: Simulator, mistakes: Mistakes, results: Path) -> Simulato
     return simulator if placed is None else placed(mistakes.modules or Path.cwd(), results, mistakes.modules)
 
 
+# --- the search ------------------------------------------------------------------------------------------------------
+
+
 def _space(shape: StudyToml, model: Model, known: Mapping[str, Reference | None], mistakes: Mistakes) -> Space:
     windows: dict[str, Window] = {}
     fixed: dict[str, float] = {}

@@ -41,6 +41,3 @@ def _called(maker: Callable[..., Any], options: Mapping[str, Any], name: str) ->
         return maker(**options)
     except (TypeError, ValueError) as error:
         raise CalibError(f"{name!r} does not take these options: {error}") from error
-
-
-# --- the search ------------------------------------------------------------------------------------------------------

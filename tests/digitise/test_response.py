@@ -179,8 +179,8 @@ units = ["Hz", "deg"]
 """
 
 
-def export(folder, spec):
-    (folder / "export.csv").write_text(WPD)
+def export(folder, spec, points=WPD):
+    (folder / "export.csv").write_text(points)
     (folder / "export.toml").write_text(spec)
     return digitise(folder / "export.csv", folder / "export.toml").record
 
@@ -249,25 +249,8 @@ def test_a_phase_that_begins_anew_at_the_other_end_of_its_axis_is_interpolated_a
     wrapped = (turning + 180.0) % 360.0 - 180.0
     between = frequency + 0.21
     lines = [f"{b:.4f},2.0,{f:.4f},{p:.4f}" for b, f, p in zip(between, frequency, wrapped, strict=True)]
-    (tmp_path / "export.csv").write_text("\n".join(["up,,lag,", "X,Y,X,Y", *lines]))
-    (tmp_path / "export.toml").write_text(SPEC.split("[[curve]]")[0] + UP_AND_LAG)
-    record = digitise(tmp_path / "export.csv", tmp_path / "export.toml").record
+    spec = SPEC + 'sigma = ["0.01 Hz", "1 deg"]\n'
+    record = export(tmp_path, spec, "\n".join(["up,,lag,", "X,Y,X,Y", *lines]))
     own, at = complex_amplitude(record)[0], record.frequency.values
     expected = np.deg2rad(-20.0 * (at - 10.0) - 85.0)
     assert np.abs(np.angle(own * np.exp(-1j * expected))).max() < np.deg2rad(0.5)
-
-
-UP_AND_LAG = """
-[[curve]]
-body = "mass"
-kind = "amplitude over frequency"
-name = "up"
-units = ["Hz", "mm"]
-sigma = ["0.01 Hz", "0.1 mm"]
-[[curve]]
-body = "mass"
-kind = "phase over frequency"
-name = "lag"
-units = ["Hz", "deg"]
-sigma = ["0.01 Hz", "1 deg"]
-"""

@@ -6,17 +6,19 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from calib import records
 from calib.errors import CalibError
 from calib.records.order_tracking import STEPPED, SWEPT, tracked
 from calib.records.response import complex_amplitude
 from calib.study_file import load
+from calib.workflows.calibrate import calibrate
 
 MASS, STIFFNESS, DAMPING = 0.8, 15_523.0, 4.0  # 22.2 Hz, 1.8 %
 RATE = 1_003.7  # Hz, which knows nothing of the drive
 FINER = 16  # of the integration: its first-order hold errs by less than 2e-6
+UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 UP_AND_DOWN = np.concatenate([np.arange(20.0, 24.6, 0.5), np.arange(24.2, 19.9, -0.5)])
 
 
@@ -44,12 +46,7 @@ def measured(phase, level, seed, noise=0.01, hum=0.03, channel="displacement"):
     return record
 
 
-UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
-
-
 def _transfer(system, c, d):
-    from scipy.signal import ss2tf  # noqa: PLC0415
-
     a, b, c, d, _ = cont2discrete((*map(np.array, system), np.array(c), np.array(d)), 1.0 / (RATE * FINER), "foh")
     numerator, denominator = ss2tf(a, b, c, d)
     return numerator[0], denominator
@@ -270,8 +267,6 @@ def test_a_study_takes_a_record_over_time_as_a_response(folder):
 
 @pytest.mark.slow
 def test_the_values_behind_tracked_steps_are_found_within_their_intervals(folder):
-    from calib.workflows.calibrate import calibrate  # noqa: PLC0415
-
     result = calibrate(folder / "study.toml")
     for name, truth in (("stiffness", STIFFNESS), ("damping", DAMPING)):
         low, high = result.intervals[name]

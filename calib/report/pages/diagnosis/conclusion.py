@@ -45,6 +45,7 @@ def headline(diagnosis: DiagnosisResult) -> str:
 
 
 def _verdict(diagnosis: DiagnosisResult) -> str:
+    """Say the verdict in a sentence."""
     verdict = diagnosis.verdict
     if verdict == NAMED:
         causes = "; and ".join(_cause(name, diagnosis) for name in diagnosis.causes)
@@ -58,7 +59,11 @@ def _verdict(diagnosis: DiagnosisResult) -> str:
             return f"No known effect can be named as the cause: {diagnosis.summary}."
         leader = diagnosis.rounds[0].rejected if diagnosis.rounds else None
         if leader is not None:
-            return f"The misfit is more than noise. {capitalised(_closest(leader, diagnosis.rounds[0].rejection))}."
+            why = diagnosis.rounds[0].rejection
+            return (
+                "The misfit is more than noise. No known effect can be named as its cause: "
+                f"{leader} explains most, but {why}."
+            )
         return "The misfit is more than noise, and no known effect explains it."
     if verdict == NONE:
         return "No effect is missing as far as these records show: the residual of the calibrated model is noise."
@@ -67,10 +72,6 @@ def _verdict(diagnosis: DiagnosisResult) -> str:
     names = " or ".join(dict.fromkeys([*diagnosis.closest, *rivals]))
     leader = f"; {names} would explain most" if diagnosis.closest else ""
     return f"No diagnosis: a condition fails ({', '.join(failed)}){leader}." if failed else "No diagnosis."
-
-
-def _closest(name: str, rejection: str) -> str:
-    return f"no known effect can be named as its cause: {name} explains most, but {rejection}"
 
 
 def _cause(name: str, diagnosis: DiagnosisResult) -> str:
