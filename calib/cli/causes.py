@@ -27,7 +27,8 @@ def diagnose(study: Path, **options: Any) -> None:
     """Say what the calibrated STUDY gets wrong, name the cause, and measure the gain, or say why no cause can be named.
 
     Needs what `calib run` has found. Records of use "name" take part in the search for the cause, records of use
-    "holdout" only in the measurement of the gain.
+    "holdout" only in the measurement of the gain. A diagnosis that was stopped or killed, or whose budget was spent,
+    goes on with the same command.
 
     \b
     Leaves in out/:  diagnosis.json   verdict, suspects, gain, next measurement
@@ -50,7 +51,8 @@ def discover(study: Path, **options: Any) -> None:
 
     For laws that are in no library: the function is fitted inside the simulator, on each body in turn, and of what it
     is a function is decided by the prediction of records that are left out. Formulas of at most four terms are then
-    fitted inside the simulator too. Needs what `calib run` has found.
+    fitted inside the simulator too. Needs what `calib run` has found. A search that was stopped or killed, or whose
+    budget was spent, goes on with the same command.
 
     \b
     Leaves in out/:  discovery.json   verdict, force with its errors over the visited region, formulas, models compared

@@ -36,6 +36,7 @@ from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED,
 from calib.execution.pool import OpenPool
 from calib.modelling.effect import Effect
 from calib.objective import Reference
+from calib.store.kept_results import KeptResults
 from calib.study import CalibrationStudy
 
 
@@ -58,6 +59,7 @@ class Diagnosis:
     design : of the next measurement, where the records leave several causes indistinguishable
     seconds : wall-clock time  [s]
     simulations : number of runs, those included whose result was known
+    cut_short : whether the budget was spent
     """
 
     verdict: str
@@ -73,6 +75,7 @@ class Diagnosis:
     design: Design | None = None
     seconds: float = 0.0
     simulations: int = 0
+    cut_short: bool = False
 
     @property
     def causes(self) -> tuple[str, ...]:
@@ -113,6 +116,7 @@ def diagnose(
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     budget: Budget | None = None,
     laboratory: Laboratory | None = UNRESTRICTED,
+    kept: KeptResults | None = None,
 ) -> Diagnosis:
     """Diagnose a calibrated study.
 
@@ -128,6 +132,7 @@ def diagnose(
     on_progress : called with the number of simulations done, and of those expected in all
     budget : after which no further fit and no search of a next measurement begins; None: none
     laboratory : in whose region the next measurement is searched; None: none is searched
+    kept : file in which simulations outlive the process; None: none
 
     Raises
     ------
@@ -137,11 +142,11 @@ def diagnose(
     bench = bench_of(study, others)
     with (
         (pool or partial(pool_of, study, stages))(bench) as open_pool,
-        closing(SpeculativePool(open_pool, (open_pool.width or 1) - 1)) as ahead,
+        closing(SpeculativePool(open_pool, (open_pool.width or 1) - 1, kept)) as ahead,
     ):
         effort = Effort(ahead, budget, on_progress)
         diagnosis = _diagnosed(effort, bench, study, values, effects, seed, stages, laboratory)
-    return replace(diagnosis, seconds=time.monotonic() - begin)
+    return replace(diagnosis, seconds=time.monotonic() - begin, cut_short=effort.spent)
 
 
 def _diagnosed(

@@ -41,6 +41,8 @@ def bias_std(excess: float, information: float) -> float:
     """Standard deviation of the bias of a size of this information by an excess chi-square  [unit of the size].
 
     The bound of Cauchy and Schwarz, sqrt(excess / information), is attained by a model error proportional to the
-    effect; this is the share of it that is typical for a model error.
+    effect; this is the share of it that is typical for a model error. Infinite without information.
     """
+    if not information > 0.0:
+        return np.inf
     return CRITERIA.model_error_cosine * float(np.sqrt(max(0.0, excess) / information))

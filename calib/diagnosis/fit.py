@@ -8,6 +8,7 @@ import numpy as np
 from scipy import stats
 
 from calib.confidence.covariance import sandwich
+from calib.confidence.derivatives import MAX_CLAIMED_DIFFERENCE
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
@@ -31,6 +32,8 @@ class Fit:
     nuisances : (N, m) tangents of the nuisances
     rows : (N,) number of the row, among those of all records, that each residual belongs to
     reason : why it did not converge; "" where it did
+    relative_errors : of the derivatives beside one another, as by differences of two steps  [1]; empty where these were
+        not compared
     """
 
     point: Point
@@ -42,6 +45,7 @@ class Fit:
     nuisances: np.ndarray
     rows: np.ndarray
     reason: str = ""
+    relative_errors: tuple[float, ...] = ()
 
     @property
     def chi2(self) -> float:
@@ -79,11 +83,19 @@ class Fit:
         wider = np.sqrt(np.maximum(1.0, noise / np.diag(covariance)))
         return covariance * np.outer(wider, wider), freedom, noise
 
+    @property
+    def _differentiable(self) -> np.ndarray:
+        """Whether (k,) there is a derivative, and not zero: differences by two steps do not contradict each other."""
+        errors = np.array(self.relative_errors) if self.relative_errors else np.zeros(len(self.names))
+        return self.columns.any(axis=0) & (errors <= MAX_CLAIMED_DIFFERENCE)
+
     def information(self, name: str) -> float:
         """Fisher information of a parameter beside all others: 1 over its variance by the noise alone.
 
-        In units of 1 over the square of the parameter's.
+        In units of 1 over the square of the parameter's; 0 where there is no derivative.
         """
+        if not self._differentiable[self.names.index(name)]:
+            return 0.0
         _, _, noise = self._sandwich
         return 1.0 / max(float(noise[self.names.index(name)]), 1e-300)
 
@@ -102,20 +114,23 @@ class Fit:
         return float(change @ change) > CRITERIA.min_change_chi2
 
     def error(self, names: Sequence[str]) -> np.ndarray:
-        """Standard errors of these parameters, jointly with all others; infinite where the derivative is zero."""
+        """Standard errors of these parameters, jointly with all others.
+
+        Infinite where the derivative is zero, or where there is none: the simulation jumps.
+        """
         if not self.names:
             return np.full(len(names), np.inf)
         covariance, _, _ = self._sandwich
-        known = np.where(self.columns.any(axis=0), np.sqrt(np.maximum(0.0, np.diag(covariance))), np.inf)
+        known = np.where(self._differentiable, np.sqrt(np.maximum(0.0, np.diag(covariance))), np.inf)
         return known[[self.names.index(name) for name in names]]
 
     def covariance(self, names: Sequence[str]) -> np.ndarray:
-        """Covariance (n, n) of these parameters, jointly with all others; infinite where a derivative is zero."""
+        """Covariance (n, n) of these parameters, jointly with all others; infinite where the standard error is."""
         if not self.names:
             return np.full((len(names), len(names)), np.inf)
         index = [self.names.index(name) for name in names]
         covariance, _, _ = self._sandwich
-        known = np.any(self.columns[:, index], axis=0)
+        known = self._differentiable[index]
         return np.where(np.outer(known, known), covariance[np.ix_(index, index)], np.inf)
 
     def inflation(self, names: Sequence[str]) -> float:

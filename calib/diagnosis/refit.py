@@ -185,6 +185,7 @@ class Fitter:
             columns=np.column_stack(columns) if columns else np.zeros((none.size, 0)),
             names=tuple(d.name for d in directions),
             steps=tuple(s.step for s in taken),
+            relative_errors=tuple(s.error_beside for s in taken),
         )
 
     def _line_search(
@@ -339,7 +340,7 @@ def updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:
     along = scale**2 * step
     error = behind.residual - ahead.residual - slopes @ step
     columns = behind.columns + np.outer(error, along) / max(float(along @ step), 1e-300)
-    return replace(ahead, columns=columns, steps=behind.steps)
+    return replace(ahead, columns=columns, steps=behind.steps, relative_errors=behind.relative_errors)
 
 
 def extended(start: Point, candidates: Sequence[Candidate], sizes: Mapping[str, float]) -> Point:

@@ -4,12 +4,13 @@ A step is chosen so that the response of all records together is a share of one 
 of that size would make: that is where the effect has to be distinguishable from nothing. Differences are one-sided, for
 many parameters stand at the end of their range, where their effect is absent. Where a step and its triple disagree by
 more than a tenth, the simulations may have numerical noise, as those of contact by time stepping do: triple steps are
-tried as long as slopes agree better. Where none agree within a tenth, no derivative is claimed. The other places that
-choose a step do so for another purpose: see `calib.confidence.derivatives`, from which the comparison of slopes comes.
+tried as long as slopes agree better, or as the larger step has no larger response. Where none agree within a tenth, no
+derivative is claimed. The other places that choose a step do so for another purpose: see
+`calib.confidence.derivatives`, from which the comparison of slopes comes.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -25,6 +26,7 @@ FIRST_SCALE_STEP = 1e-4  # of the natural scale  [1]
 TARGET_RESPONSE = 0.3  # norm of the response that a step should make  [standard deviations of the noise]
 MAX_RESPONSE_RATIO = 10.0  # of a response to its target, or of the target to it  [1]
 SECOND_STEP_RATIO = 3.0  # of the second step over the first  [1]
+MAX_JUMP_RATIO = 1.2  # of the response to the second step over that to the first, where both are one jump  [1]
 MIN_RESPONSE = 1e-4  # below it a response is rounding  [standard deviations of the noise]
 FAILURE_STEP_REDUCTION = 10.0  # of a step whose simulation fails  [1]
 MAX_TRIES = 3  # steps until the response is near its target  [count]
@@ -66,16 +68,18 @@ class Direction:
 
 @dataclass(frozen=True)
 class Step:
-    """A step whose response was near its target.
+    """A step with which a derivative was taken.
 
     Attributes
     ----------
     size : unsigned  [unit of the parameter]
     response : norm  [standard deviations of the noise]
+    relative_error : of the slope by it beside what else is fitted, as `Slope.error_beside`  [1]
     """
 
     size: float
     response: float
+    relative_error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +93,7 @@ class Slope:
     reliable : whether two steps agree
     relative_error : difference of the slopes by both, over their norm  [1]
     reason : why it is not reliable
+    error_beside : the same difference of what is left of both beside what else is fitted  [1]
     """
 
     column: np.ndarray | None
@@ -96,6 +101,7 @@ class Slope:
     reliable: bool
     reason: str = ""
     relative_error: float = 0.0
+    error_beside: float = 0.0
 
     @property
     def taken(self) -> Step | None:
@@ -103,7 +109,7 @@ class Slope:
         if self.column is None or not self.step:
             return None
         response = abs(self.step) * float(np.linalg.norm(self.column))
-        return Step(abs(self.step), response) if response > MIN_RESPONSE else None
+        return Step(abs(self.step), response, self.error_beside) if response > MIN_RESPONSE else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +164,9 @@ def slopes(
 
     Parameters
     ----------
-    known : steps by parameter whose response was near its target before
-    compared : of which directions the slopes by further steps are compared; "new": of those not known
+    known : steps by parameter with which a derivative was taken before
+    compared : of which directions the slopes by further steps are compared; "new": of those without a known step whose
+        response is what it was
     absorbed : (N, m) changes that are fitted to the records anyway: slopes are compared beside these
     together : whether the directions are of one model, where each is fitted beside the others
     """
@@ -167,8 +174,9 @@ def slopes(
     responses = _Responses(pool, evidence, point, directions)
     first = _first_responses(responses, directions, known)
     quotients = {k: response / step for k, (step, response) in first.items()}
-    taken = {k: Slope(quotients[k], step, True) for k, (step, _) in first.items()}
-    tried = {k: own for k, own in first.items() if compared == "all" or directions[k].name not in known}
+    errors = {k: _known_error(own, known.get(directions[k].name)) for k, own in first.items()}
+    taken = {k: Slope(quotients[k], step, True, error_beside=errors[k] or 0.0) for k, (step, _) in first.items()}
+    tried = {k: own for k, own in first.items() if compared == "all" or errors[k] is None}
     if tried and compared != "none":
         beside = {k: [q for j, q in quotients.items() if together and j != k] for k in tried}
         fixed = [] if absorbed is None else [absorbed]
@@ -208,10 +216,14 @@ class _Responses:
 def _first_responses(
     responses: _Responses, directions: Sequence[Direction], known: Mapping[str, Step]
 ) -> dict[int, tuple[float, np.ndarray]]:
-    """Step along each direction whose response is near its target, as far as that can be, and the response (N,)."""
+    """Step along each direction whose response is near its target, as far as that can be, and the response (N,).
+
+    Of a simulation that jumps no smaller step has a smaller response: of the steps tried, the one of the least slope.
+    """
     usual = {k: known.get(d.name, Step(FIRST_SCALE_STEP * d.scale, TARGET_RESPONSE)) for k, d in enumerate(directions)}
     sizes = {k: step.size for k, step in usual.items()}
     first: dict[int, tuple[float, np.ndarray]] = {}
+    slopes_so_far: dict[int, float] = {}
     waiting = set(sizes)
     for _ in range(MAX_TRIES):
         steps = {k: directions[k].step(sizes[k]) for k in sorted(waiting)}
@@ -219,12 +231,14 @@ def _first_responses(
             if response is None:
                 sizes[k] /= FAILURE_STEP_REDUCTION
                 continue
-            first[k] = steps[k], response
             length = float(np.linalg.norm(response))
             smallest, largest = np.array(STEP_BOUNDS) * directions[k].scale
             target = usual[k].response
-            near = length > MIN_RESPONSE and 1.0 / MAX_RESPONSE_RATIO < length / target < MAX_RESPONSE_RATIO
-            if near or (sizes[k] >= largest and length < target):
+            near = _is_near(length, target)
+            last = near or (sizes[k] >= largest and length < target)
+            if last or not slopes_so_far.get(k) or MIN_RESPONSE < length < slopes_so_far[k] * sizes[k]:
+                first[k], slopes_so_far[k] = (steps[k], response), length / sizes[k]
+            if last:
                 waiting.discard(k)
             else:
                 ideal = sizes[k] * target / max(length, MIN_RESPONSE)
@@ -232,6 +246,18 @@ def _first_responses(
         if not waiting:
             break
     return first
+
+
+def _is_near(response: float, target: float) -> bool:
+    """Whether a response is more than rounding, and of the magnitude of its target."""
+    return response > MIN_RESPONSE and 1.0 / MAX_RESPONSE_RATIO < response / target < MAX_RESPONSE_RATIO
+
+
+def _known_error(own: tuple[float, np.ndarray], known: Step | None) -> float | None:
+    """Relative error of the slope by a step, where that is a known one whose response is as before; None elsewhere."""
+    if known is None or abs(own[0]) != known.size or not _is_near(float(np.linalg.norm(own[1])), known.response):
+        return None
+    return known.relative_error
 
 
 def _agreeing(
@@ -256,14 +282,20 @@ def _agreeing(
                 if k in projections:
                     slopes_by_both = projections[k](slopes_by_both[0]), projections[k](slopes_by_both[1])
                 error = relative_difference(*slopes_by_both)
-            if k not in best or error < least[k]:
-                best[k], least[k] = slope, error
-                if second is not None and MAX_SLOPE_DIFFERENCE < error < np.inf:
-                    further[k] = steps[k], second
+            better = k not in best or error < least[k]
+            if better:
+                best[k], least[k] = replace(slope, error_beside=error if np.isfinite(error) else 0.0), error
+            if second is not None and MAX_SLOPE_DIFFERENCE < error < np.inf and (better or _jumps(own[1], second)):
+                further[k] = steps[k], second
         latest = further
         if not latest:
             break
     return best
+
+
+def _jumps(first: np.ndarray, second: np.ndarray) -> bool:
+    """Whether a second, larger step has no larger response (N,) than the first."""
+    return bool(np.linalg.norm(second) < MAX_JUMP_RATIO * np.linalg.norm(first))
 
 
 def _compared(first: tuple[float, np.ndarray], step: float, second: np.ndarray | None, reason: str) -> Slope:

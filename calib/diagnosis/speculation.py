@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from calib.diagnosis.bench import SimulatedRows
 from calib.execution.conversation import Conversation
 from calib.execution.pool import Failure, Pool
+from calib.store.kept_results import KeptResults
 
 MEMORY_BYTES = 256_000_000  # of results, the latest
 
@@ -29,10 +30,11 @@ class SpeculativePool:
     ----------
     pool : whose function is evaluated
     idle : number of its processes that may run ahead at a time, all but one  [count]
+    kept : in which results outlive the process; None: in memory alone
     """
 
-    def __init__(self, pool: Pool, idle: int = 0):
-        self._pool, self._calls = pool, _Calls(idle)
+    def __init__(self, pool: Pool, idle: int = 0, kept: KeptResults | None = None):
+        self._pool, self._calls = pool, _Calls(idle, kept)
         self._results: Iterator[tuple[int, Any]] | None = None  # of the calls, as long as some are under way
 
     def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
@@ -108,8 +110,8 @@ class _Calls:
     expected : tasks that may be run ahead, innermost last
     """
 
-    def __init__(self, idle: int):
-        self.memory = _Memory()
+    def __init__(self, idle: int, kept: KeptResults | None = None):
+        self.memory = _Memory(kept)
         self.expected: list[deque[_Ahead]] = []
         self._idle = idle
         self._asked: deque[tuple[Hashable, Any]] = deque()
@@ -213,20 +215,22 @@ def _run(task: Callable[[Pool], object], ask: Callable[[list[Any]], list[Any]]) 
 
 
 class _Memory:
-    """Pickled results by key, the latest of MEMORY_BYTES in all."""
+    """Pickled results by key, the latest of MEMORY_BYTES in all, and those that are kept in a file."""
 
-    def __init__(self) -> None:
+    def __init__(self, kept: KeptResults | None = None) -> None:
         self._results: OrderedDict[Hashable, bytes] = OrderedDict()
         self._size = 0
+        self._kept = kept
 
     def __contains__(self, key: Hashable) -> bool:
-        return key in self._results
+        return key in self._results or (self._kept is not None and key in self._kept)
 
     def add(self, key: Hashable, result: Any) -> None:
         """Remember a result."""
-        data = _pickled(result) if isinstance(key, bytes) else None
-        if data is None:
+        if not isinstance(key, bytes) or (data := _pickled(result)) is None:
             return
+        if self._kept is not None:
+            self._kept.add(key, data)
         self._results[key] = data
         self._size += len(data)
         while self._size > MEMORY_BYTES:
@@ -234,6 +238,8 @@ class _Memory:
 
     def result(self, key: Hashable) -> Any:
         """Return a result as a process would: a copy of its own."""
+        if self._kept is not None and key not in self._results:
+            return pickle.loads(self._kept.get(key))
         self._results.move_to_end(key)
         return pickle.loads(self._results[key])
 

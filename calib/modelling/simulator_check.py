@@ -3,13 +3,15 @@
 import inspect
 from collections.abc import Collection, Iterable
 
+import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Simulator
-from calib.records import failed
+from calib.records import channels, failed
 from calib.records.excitation import Excitation
+from calib.records.schema import MAX_MAGNITUDE
 
 GUIDE = "see the guide in calib.modelling.simulator.Simulator"
 RUN = "run(values, excitation, laws, request)"
@@ -79,7 +81,10 @@ def check_simulator(simulator: Simulator) -> None:
 
 
 def as_record(returned: object, simulator: Simulator) -> xr.Dataset:
-    """Return what `run` has returned where it is a record, else the record of a failed run that says what it is."""
+    """Return what `run` has returned where it is a record, else the record of a failed run that says what it is.
+
+    A motion whose values have no finite sums of squares has diverged.
+    """
     if not isinstance(returned, xr.Dataset):
         got = "None" if returned is None else f"an object of type {type(returned).__name__}"
     elif "status" not in returned.attrs:
@@ -87,7 +92,18 @@ def as_record(returned: object, simulator: Simulator) -> xr.Dataset:
     else:
         missing = [name for name in ("body", "time") if name not in returned.coords]
         if not missing:
-            return returned
+            beyond = _beyond(returned)
+            return failed(simulator.bodies, "diverged", beyond) if beyond else returned
         got = f"a dataset without the coordinate {missing[0]}"
     expected = "expected a record, as calib.records.make or calib.records.failed builds it"
     return failed(simulator.bodies, NO_RECORD, f"{type(simulator).__name__}.run returned {got}; {expected}")
+
+
+def _beyond(record: xr.Dataset) -> str:
+    """State which channel exceeds the largest magnitude of a record; "" where none does. NaN and infinity are none."""
+    for channel in channels(record):
+        values = np.abs(record.variables[channel].values)
+        largest = float(np.max(values, where=np.isfinite(values), initial=0.0))
+        if largest > MAX_MAGNITUDE:
+            return f"{channel} reaches {largest:.3g}; a record holds up to {MAX_MAGNITUDE:g} in SI units"
+    return ""

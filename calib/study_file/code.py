@@ -1,6 +1,7 @@
 """The code outside calib that a study uses: digests of files, or versions of installed distributions and programs."""
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from calib import plugins
@@ -31,6 +32,12 @@ def used_code(shape: StudyToml, folder: Path | None, simulator: Simulator | None
         *(("calib.features", term.feature) for term in shape.term),
         ("calib.optimisers", shape.optimiser.name),
     ]
+    code = code_of(references, folder)
+    return dict(sorted({**code, **getattr(simulator, "code", {})}.items()))
+
+
+def code_of(references: Iterable[tuple[str, str]], folder: Path | None) -> dict[str, str]:
+    """Return the same of what plugins refer to that are loaded, each a group and a name in it."""
     folders = [] if folder is None else [folder.resolve()]
     code: dict[str, str] = {}
     for group, name in references:
@@ -43,4 +50,4 @@ def used_code(shape: StudyToml, folder: Path | None, simulator: Simulator | None
         if file is not None:
             code |= module_code(module, Path(file).resolve(), folders)
     code.pop(SCRIPT, None)  # its budget and its pictures are no part of the simulator
-    return dict(sorted({**code, **getattr(simulator, "code", {})}.items()))
+    return code

@@ -22,7 +22,7 @@ from calib.store.plain import plain
 from calib.store.record_files import Keep
 from calib.study import CalibrationStudy, ModelSummary, check_searched, check_stated
 from calib.study_file.candidates import Candidates, named_effect, read_candidates, registered_candidates
-from calib.study_file.code import used_code
+from calib.study_file.code import code_of, used_code
 from calib.study_file.folder import results_folder
 from calib.study_file.laboratory import read_laboratory
 from calib.study_file.made import made
@@ -92,6 +92,15 @@ class StudyFile:
         known = {effect.name for effect in effects}
         gates = [one.effect(folder) for one in registered if one.reference not in known] if asked else []
         return effects + [effect for effect in gates if effect.site == "numerical"]
+
+    def candidate_code(self) -> dict[str, str]:
+        """Code outside calib of the effects that a diagnosis may name; see `CalibrationStudy.code` for the model's.
+
+        Raises
+        ------
+        CalibError : one of them does not load
+        """
+        return code_of([("calib.effects", name) for name in self.effect_references().values()], self.path.parent)
 
     def effect_references(self) -> dict[str, str]:
         """Name of each effect that a diagnosis may name, and the reference under which the study file knows it.

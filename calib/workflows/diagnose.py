@@ -14,6 +14,9 @@ from calib.study_file import load, stated_candidates
 from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.extension import extended_study
+from calib.workflows.kept_simulations import kept_simulations
+
+SIMULATIONS = "diagnosis.simulations"  # file of those of a diagnosis that did not end
 
 
 def diagnose_study(
@@ -30,6 +33,9 @@ def diagnose_study(
     pool: Mapping[str, Any] | None = None,
 ) -> tuple[DiagnosisResult, Path | None]:
     """Diagnose a calibrated study: `calib diagnose` from Python.
+
+    Simulations are kept until it ends with all tried: after one that was stopped or killed, or whose budget was spent,
+    the next begins with them.
 
     Parameters
     ----------
@@ -58,10 +64,13 @@ def diagnose_study(
     if candidates is not None:
         file = replace(file, candidates=stated_candidates(candidates, file.path.parent))
     values = calibrated_values(file, file.folder)
-    diagnosis = diagnose(
-        file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
-        on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory,
-    )  # fmt: skip
+    with kept_simulations(file, SIMULATIONS, on_stage) as kept:
+        diagnosis = diagnose(
+            file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
+            on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory, kept=kept,
+        )  # fmt: skip
+        if not diagnosis.cut_short:
+            kept.remove()
     result = write(diagnosis, file.folder, values, {**file.study.objective.references, **file.others})
     rebuild_file(file)
     selection, extended = diagnosis.selection, None

@@ -15,9 +15,11 @@ from calib.study_file import load
 from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.found_effect import apply_force
+from calib.workflows.kept_simulations import kept_simulations
 from calib.workflows.time_records import check_time_records
 
 FORCE_PICTURE = "discovery.png"
+SIMULATIONS = "discovery.simulations"  # file of those of a search that did not end
 
 
 def discover_study(
@@ -35,7 +37,7 @@ def discover_study(
     """Search a calibrated study for the force that its model misses: `calib discover` from Python.
 
     Writes discovery.json and, where a force is found, discovery.png into the folder of the results, and draws
-    report.html anew with the search in it.
+    report.html anew with the search in it. Simulations are kept as by `calib.workflows.diagnose.diagnose_study`.
 
     Parameters
     ----------
@@ -60,10 +62,13 @@ def discover_study(
     limit = Budget.of(budget)
     file = check_time_records(load(path, jobs=jobs, out=out, pool=pool), "discover")
     values = calibrated_values(file, file.folder)
-    discovery = discover(
-        file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
-        on_stage=on_stage, on_progress=on_progress, budget=limit,
-    )  # fmt: skip
+    with kept_simulations(file, SIMULATIONS, on_stage) as kept:
+        discovery = discover(
+            file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
+            on_stage=on_stage, on_progress=on_progress, budget=limit, kept=kept,
+        )  # fmt: skip
+        if not discovery.cut_short:
+            kept.remove()
     result = write_discovery(discovery, file.folder, values)
     figure = found_force_figure(result)
     if figure is None:

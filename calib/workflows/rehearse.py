@@ -71,7 +71,8 @@ def rehearse_study(
 def identity_of_cases(file: StudyFile, values: Mapping[str, float], effects: Sequence[Effect]) -> list[Any]:
     """All that decides what cases come to: the study and its code, the calibrated values, and the candidates."""
     candidates = [[effect.name, plain(effect.parameters)] for effect in effects]
-    return [REHEARSAL_FORMAT_VERSION, file.study.header.definition, dict(file.study.code), dict(values), candidates]
+    code = {**file.candidate_code(), **file.study.code}
+    return [REHEARSAL_FORMAT_VERSION, file.study.header.definition, code, dict(values), candidates]
 
 
 def _rehearsed(document: Mapping[str, Any]) -> Rehearsed:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calib.diagnosis.excess import bias_std
 from calib.diagnosis.fit import Fit
 
 N = 400
@@ -33,3 +34,14 @@ def test_the_noise_of_gains_is_known_where_a_common_one_is_calibrated(size):
     columns = np.column_stack([one + other, one, other])
     fit = Fit(None, (), residual, columns, ("both", "one", "other"), (), np.zeros((N, 0)), rows)
     assert fit.inflation(["one", "other"]) == pytest.approx(size**2, rel=0.4)
+
+
+def test_a_derivative_whose_steps_contradict_each_other_gives_no_interval():
+    rng = np.random.default_rng(4)
+    columns, residual = rng.standard_normal((N, 2)) * [1.0, 1e9], rng.standard_normal(N)
+    rest = columns, ("smooth", "jumps"), (), np.zeros((N, 0)), np.zeros(N, dtype=int)
+    fit = Fit(None, (), residual, *rest, relative_errors=(0.1, 1.0))
+    assert fit.error(["smooth", "jumps"]) == pytest.approx([N**-0.5, np.inf], rel=0.2)
+    assert fit.information("smooth") == pytest.approx(N, rel=0.2)
+    assert fit.information("jumps") == 0.0
+    assert bias_std(1.0, fit.information("jumps")) == np.inf

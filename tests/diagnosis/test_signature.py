@@ -127,3 +127,36 @@ def test_slopes_agree_beside_what_else_is_fitted():
     assert along.reliable
     assert abs(along.step) > 2.0 * abs(alone.step)
     assert along.column[1] == pytest.approx(0.4, rel=0.1)
+
+
+class Jumping(Line):
+    """A straight line on stairs whose steps are as high as `height` times the noise."""
+
+    def __init__(self, rate, height):
+        super().__init__(rate)
+        self.height = height
+
+    def map(self, payloads):
+        for number, values in enumerate(payloads):
+            level = np.ceil(self.rate * values["x"] / self.height)
+            yield number, Shown(self.height * level)
+
+
+def test_a_simulation_that_jumps_has_the_slope_of_steps_that_are_large_beside_its_jumps():
+    """A smaller step has no smaller response: the slope by the smallest would be that of one jump over nothing."""
+    direction = Direction("x", 0.0, 1.0, -np.inf, np.inf)
+    [slope] = slopes(Jumping(1e4, 30.0), Numbers(), Here(), [direction])
+    assert slope.step > 1e-3
+    assert slope.column == pytest.approx([1e4, 1e4], rel=0.3)
+
+
+def test_a_known_step_that_is_no_longer_right_is_compared_again():
+    direction, known = Direction("x", 0.0, 1.0, -np.inf, np.inf), {"x": Step(1e-4, 1.0)}
+    [kept] = slopes(Line(1e4), Numbers(), Here(), [direction], known, compared="new")
+    assert (kept.step, kept.error_beside) == (1e-4, 0.0)
+    [jump] = slopes(Jumping(1.0, 1e6), Numbers(), Here(), [direction], known, compared="new")
+    assert not jump.reliable
+    assert jump.error_beside > 0.5
+    assert jump.taken.relative_error == jump.error_beside
+    [again] = slopes(Jumping(1.0, 1e6), Numbers(), Here(), [direction], {"x": jump.taken}, compared="new")
+    assert again.error_beside == jump.error_beside  # what was found of a step is known with it

@@ -51,6 +51,18 @@ def test_what_is_no_record_is_a_failed_run_that_names_the_class(returned, messag
     assert "expected a record" in record.attrs["reason"]
 
 
+def test_a_motion_whose_squares_overflow_has_diverged():
+    class Large(Echo):
+        def run(self, values, excitation, laws, request):
+            record = super().run(values, excitation, laws, request)
+            return record.assign(velocity=1e200 * record["velocity"])
+
+    record = Model(Large()).run({}, DRIVE)
+    assert record.attrs["status"] == "diverged"
+    assert record.attrs["reason"].startswith("velocity reaches")
+    assert "a record holds up to 1e+100 in SI units" in record.attrs["reason"]
+
+
 def test_a_model_without_parameters_says_so():
     class Free(Echo):
         parameters = ()

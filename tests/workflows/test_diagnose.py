@@ -2,7 +2,11 @@
 
 import json
 import math
+import re
 import shutil
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,6 +17,7 @@ from click.testing import CliRunner
 from undrawn import undrawn
 
 from calib.cli import main
+from calib.diagnosis.speculation import _Memory
 from calib.diagnosis.transfer import Transfer
 from calib.effects.cubic_stiffness import EFFECT as CUBIC
 from calib.errors import CalibError
@@ -27,11 +32,13 @@ from calib.report.pages.picture import drawn
 from calib.simulators.oscillator import Oscillator
 from calib.study import evaluate
 from calib.study_file import load
-from calib.workflows.diagnose import diagnose_study
+from calib.workflows.diagnose import SIMULATIONS, diagnose_study
 from calib.workflows.extension import _widened, _windows
+from calib.workflows.kept_simulations import kept_simulations
 from calib.workflows.rehearse import REHEARSAL, rehearse_study
 from calib.workflows.stored import base_study
 
+ENOUGH_BYTES = 300_000  # of simulations that are kept, before a diagnosis is killed
 TIMES = np.arange(400) / 400.0  # s
 STUDY = """
 [study]
@@ -119,6 +126,60 @@ def test_on_workers_elsewhere_it_is_the_same(folder, answer, tmp_path):
     here, elsewhere = (json.loads((place / "out" / "diagnosis.json").read_text()) for place in (folder, there))
     assert elsewhere.pop("seconds") > 0.0
     assert elsewhere == {key: value for key, value in here.items() if key != "seconds"}
+
+
+@pytest.mark.slow
+def test_a_diagnosis_that_was_killed_goes_on_from_its_simulations(folder, answer, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    kept, command = copy / "out" / SIMULATIONS, [sys.executable, "-m", "calib", "diagnose", str(copy)]
+    killed = subprocess.Popen([*command, "-q"])
+    while not (kept.exists() and kept.stat().st_size > ENOUGH_BYTES):
+        assert killed.poll() is None, "the diagnosis ended before it was killed"
+        time.sleep(0.01)
+    killed.kill()
+    killed.wait()
+    again = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert re.search(r"going on with \d{2,} simulations of a run that did not end", again.stderr)
+    assert not kept.exists()
+    of_each = [json.loads((place / "out" / "diagnosis.json").read_text()) for place in (folder, copy)]
+    for said in of_each:
+        del said["seconds"]
+    assert of_each[0] == of_each[1]
+
+
+ONE_CANDIDATE = {"candidates": ["cubic_stiffness"], "jobs": 1}
+
+
+def test_what_was_simulated_before_the_budget_was_spent_is_not_simulated_again(folder, tmp_path, monkeypatch):
+    simulated, said, add = [], [], _Memory.add
+    monkeypatch.setattr(_Memory, "add", lambda memory, key, result: (simulated.append(key), add(memory, key, result)))
+    copy, other = (shutil.copytree(folder, tmp_path / name) for name in ("copy", "other"))
+    in_all = diagnose_study(other, **ONE_CANDIDATE)[0].simulations
+    one_run = len(simulated)
+    assert one_run > 40
+    assert diagnose_study(copy, budget="20", **ONE_CANDIDATE)[0].cut_short
+    cut = len(simulated) - one_run
+    result, _ = diagnose_study(copy, on_stage=said.append, **ONE_CANDIDATE)
+    assert (result.causes, result.simulations) == (("cubic_stiffness",), in_all)
+    assert said[0] == f"going on with {cut} simulations of a run that did not end"
+    assert len(simulated) <= 2 * one_run + cut - 20
+    assert not (copy / "out" / SIMULATIONS).exists()
+
+
+def test_another_process_finds_what_was_simulated_and_not_for_other_data(folder, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    (copy / "study.toml").write_text(re.sub("candidates = .*", 'candidates = ["cubic_stiffness"]', STUDY))
+    kept, command = copy / "out" / SIMULATIONS, [sys.executable, "-m", "calib", "diagnose", str(copy), "--jobs", "1"]
+    sizes = []
+    for _ in range(2):
+        subprocess.run([*command, "--budget", "20", "-q"], check=True)
+        sizes.append(kept.stat().st_size)
+    assert sizes[0] == sizes[1] > 20 * 400 * 8
+    for data, known in ((False, True), (True, False)):
+        if data:
+            write(record(8.0, 5), copy / "swept.nc")
+        with kept_simulations(load(copy), SIMULATIONS, lambda text: None) as simulations:
+            assert (simulations.known > 20) == known
 
 
 def test_the_extended_study_starts_where_the_diagnosis_ended(folder, answer):

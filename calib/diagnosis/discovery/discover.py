@@ -52,6 +52,7 @@ from calib.execution.pool import OpenPool
 from calib.modelling.effect import Effect
 from calib.modelling.simulator import Simulator
 from calib.objective import Reference
+from calib.store.kept_results import KeptResults
 from calib.study import CalibrationStudy
 
 FOUND, NOTHING, UNDETERMINED, NOT_DIAGNOSABLE = "found", "nothing", "undetermined", "not_diagnosable"
@@ -131,6 +132,7 @@ def discover(
     on_stage: Callable[[str], None] = lambda text: None,
     on_progress: Callable[[int, int], None] = lambda done, foreseen: None,
     budget: Budget | None = None,
+    kept: KeptResults | None = None,
 ) -> Discovery:
     """Search for the force that a calibrated study misses, as a free function of the state of a body or interface.
 
@@ -144,6 +146,7 @@ def discover(
     pool : makes a pool of the function it maps; None: that of the study
     on_stage, on_progress : called with the stage that begins; with simulations done, and those expected in all
     budget : after which no further fit begins, but for the first; None: none
+    kept : file in which simulations outlive the process; None: none
 
     Raises
     ------
@@ -152,7 +155,7 @@ def discover(
     begin, stages = time.monotonic(), Stages(on_stage)
     bench = bench_of(study, others)
     make = pool or partial(pool_of, study, stages)
-    with make(bench) as open_pool, closing(SpeculativePool(open_pool, 0)) as ahead:
+    with make(bench) as open_pool, closing(SpeculativePool(open_pool, kept=kept)) as ahead:
         effort = Effort(ahead, budget, on_progress)
         discovery = _discovered(effort, bench, study, values, effects, seed, stages)
     return replace(discovery, seconds=time.monotonic() - begin, simulations=effort.done, cut_short=effort.spent)

@@ -200,7 +200,8 @@ def penalised_fit(
     start = extended(base.point, candidates, values)
     directions = fitter.directions(start, candidates)
     x = np.clip([d.at for d in directions], *_bounds(directions))
-    now = replace(base, point=start, candidates=candidates, names=tuple(d.name for d in directions))
+    names = tuple(d.name for d in directions)
+    now = replace(base, point=start, candidates=candidates, names=names, relative_errors=())
     elsewhere = fitter.evaluated(start, directions, x, candidates, solved=True) if begin else None
     if begin and elsewhere is None:  # a record cannot be simulated there
         return penalised_fit(fitter, base, model, columns, rival=rival)
