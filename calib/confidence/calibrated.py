@@ -7,8 +7,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from calib.confidence.constrained import FittedPoint
+from calib.confidence.covariance import MIN_BLOCK_SIZE
 from calib.confidence.derivatives import Evaluate
 from calib.confidence.local import Confidence, local
 from calib.confidence.noise_propagation import noise_draws
@@ -190,13 +192,27 @@ def _analysed(
     blocks = noise = None
     if isinstance(evaluation, Evaluation) and evaluation.score.residuals is not None:
         residuals = study.objective.residuals(evaluation.records)
-        labels = zip(*(residuals[name].values for name in ("term", "record", "body", "channel")), strict=True)
-        blocks = np.unique([" ".join(map(str, label)) for label in labels], return_inverse=True)[1]
-        if len(study.objective.terms) > 1:  # terms that compare one channel share its noise
+        blocks = _blocks(residuals)
+        swept = any(reference.is_swept for reference in study.objective.references.values())
+        if len(study.objective.terms) > 1 or swept:  # residuals of several blocks share the noise of one measurement
             noise = noise_draws(study.objective, evaluation.records, study.seed, on_progress=on_progress)
     centre = _outcome(evaluation)
     confidence = local(evaluate, study.space, u, outcome=centre, blocks=blocks, noise_draws=noise)
     return LocalAnalysis(centre, confidence, blocks, noise)
+
+
+def _blocks(residuals: xr.DataArray) -> np.ndarray:
+    """Numbers (m,) of the blocks of residuals (m,): one term, record, body and channel, in so far as they are many.
+
+    Those of one term that are too few for a noise level of their own share one.
+    """
+    labels = zip(*(residuals[name].values for name in ("term", "record", "body", "channel")), strict=True)
+    _, blocks, sizes = np.unique(
+        [" ".join(map(str, label)) for label in labels], return_inverse=True, return_counts=True
+    )
+    short = sizes[blocks] < MIN_BLOCK_SIZE
+    _, terms = np.unique(residuals["term"].values, return_inverse=True)
+    return np.where(short, sizes.size + terms, blocks)
 
 
 def _outcome(answer: Evaluation | Failure) -> Outcome:

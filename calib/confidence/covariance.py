@@ -21,7 +21,8 @@ import math
 import numpy as np
 from scipy.optimize import lsq_linear
 
-MIN_BLOCK_SIZE = 8  # residuals: smaller blocks have no noise level of their own and share one  [count]
+MIN_BLOCK_SIZE = 8  # residuals: smaller blocks share a noise level with others of their term  [count]
+MIN_LEVEL_SIZE = 3  # residuals that determine a noise level at all  [count]
 MIN_SINGULAR_RATIO = 1e-9  # of the largest singular value: smaller ones are raised to it  [1]
 MIN_FREE_SHARE = 0.05  # of a block's residuals that the fit leaves  [1]: bounds the correction for what it absorbs
 MIN_VARIANCE_RATIO = 0.25  # of a variance with the blocks correlated to that without, at least  [1]
@@ -67,7 +68,7 @@ def sandwich(
     )
     variance = np.maximum(np.diag(covariance), 1e-300)
     widen = np.sqrt(np.maximum(1.0, np.diag(turn @ local_form @ turn.T) / variance))
-    if noise_draws is not None and len(parts) > 1:
+    if noise_draws is not None and len(parts) > 1 and len(noise_draws) > 1:
         moves = [noise_draws[:, i] @ left[i] @ turn.T for i in parts]
         independent = sum(np.var(move, axis=0) for move in moves)
         ratio = np.var(sum(moves), axis=0) / np.maximum(independent, 1e-300)
@@ -120,10 +121,10 @@ def _decomposed(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _members(blocks: np.ndarray) -> list[np.ndarray]:
-    """Masks (m,) of the blocks; those that are too small for a noise level of their own are joined."""
+    """Masks (m,) of the blocks; those that do not determine a noise level are joined."""
     masks = [blocks == b for b in np.unique(blocks)]
-    short = [mask for mask in masks if mask.sum() < MIN_BLOCK_SIZE]
-    return [mask for mask in masks if mask.sum() >= MIN_BLOCK_SIZE] + ([np.any(short, axis=0)] if short else [])
+    short = [mask for mask in masks if mask.sum() < MIN_LEVEL_SIZE]
+    return [mask for mask in masks if mask.sum() >= MIN_LEVEL_SIZE] + ([np.any(short, axis=0)] if short else [])
 
 
 def _autocovariance(residuals: np.ndarray) -> tuple[np.ndarray, int]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from calib.errors import CalibError
 from calib.objective import Objective
 from calib.records import channels, with_channels
 
@@ -22,8 +23,10 @@ def noise_draws(
 ) -> np.ndarray:
     """Changes (number, m) of the residuals when white noise is added to the measured records.
 
-    Terms that compare one channel share its noise, so their residuals are correlated although they stand in different
-    blocks: `calib.confidence.local` estimates the correlation from these draws. Nothing is simulated.
+    Terms that compare one channel share its noise, and so do the frequency and the parts of a point of a response, of
+    whatever body: their residuals are correlated although they stand in different blocks. `calib.confidence.local`
+    estimates the correlation from these draws. Nothing is simulated. A draw in which the noise takes away what a term
+    compares, such as a small impact, is left out.
 
     Parameters
     ----------
@@ -34,16 +37,22 @@ def noise_draws(
     """
     rng = np.random.default_rng(seed)
     base = objective.residuals(records).values
-    draws = np.empty((number, base.size))
-    for done, row in enumerate(draws):
+    draws = []
+    for done in range(number):
         on_progress(done, number)
-        references = {name: replace(r, record=_noisy(r.record, rng)) for name, r in objective.references.items()}
-        row[:] = type(objective)(references, objective.terms).residuals(records).values - base
-    return draws
+        noisy = {name: _noisy(reference.record, rng) for name, reference in objective.references.items()}
+        try:
+            references = {name: replace(r, record=noisy[name]) for name, r in objective.references.items()}
+            drawn = type(objective)(references, objective.terms).residuals(records).values
+        except CalibError:
+            continue
+        if drawn.size == base.size:
+            draws.append(drawn - base)
+    return np.array(draws).reshape(-1, base.size)
 
 
 def _noisy(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
-    """Return the record with white noise added to each channel."""
+    """Return the record with white noise added to each channel, and to frequencies whose uncertainty it states."""
     changed = {}
     for channel in channels(record):
         values = record[channel]
@@ -51,4 +60,9 @@ def _noisy(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
         size = record[stated[0]] if stated else UNSTATED_NOISE_SHARE * values.std(str(values.dims[-1]))
         sizes = size.variable.set_dims(values.sizes).transpose(*values.dims).values
         changed[channel] = values.values + rng.standard_normal(values.shape) * sizes
+    if "frequency_sigma" in record:
+        frequency = record["frequency"]
+        sizes = np.broadcast_to(record["frequency_sigma"].values, frequency.shape)
+        drawn = frequency.values + rng.standard_normal(frequency.shape) * sizes
+        record = record.assign(frequency=(frequency.dims, drawn, frequency.attrs))
     return with_channels(record, changed)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from calib.errors import CalibError
@@ -50,6 +51,7 @@ class Alignment:
     nuisance : names of the nuisances to solve for
     bodies : that the nuisances are solved from
     prescribed : (body, channel) pairs that the excitation prescribes
+    compared : (body, channel) pairs that alone fix the trigger where none is prescribed; None: all of the bodies
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class Alignment:
         nuisance: Sequence[str],
         bodies: Collection[str],
         prescribed: frozenset[tuple[str, str]],
+        compared: Collection[tuple[str, str]] | None = None,
     ):
         self.time, self.period, self.periods = record.time.values, period, periods
         self.bodies = [str(body) for body in record.body.values]
@@ -82,8 +85,10 @@ class Alignment:
         self._trigger: _Fit | None = None
         if "trigger" in nuisance:
             first = [row for row in driven if row[1] == driven[0][1]]
-            index = [used.index(row) for row in first] or range(len(used))
-            self._trigger = _Fit(values[index], [used[i] for i in index], linear) if first else self._all
+            rows = first or [row for row in used if compared is None or row in compared] or used
+            index = [used.index(row) for row in rows]
+            self._trigger = self._all if rows == used and not first else _Fit(values[index], rows, linear)
+            self._given = bool(first)
 
     def __call__(self, simulated: xr.Dataset) -> tuple[dict[str, np.ndarray], dict[str, float], np.ndarray]:
         """Channels (body, time) at the reference's instants with the nuisances applied, the nuisances [SI], the trust.
@@ -115,7 +120,12 @@ class Alignment:
         """Trust (time,) in the velocity at each instant of the reference, the simulation `shift` periods ahead."""
         if self.period is None:
             return _trusted(self.time, impacts)
-        return _trusted(self.time + shift * self.period, impacts, _length(time, self.period))
+        length = self._repeating(round((time[-1] - time[0]) / self.period)) * self.period
+        return _trusted(self.time + shift * self.period, impacts[impacts - time[0] < length], length)
+
+    def _repeating(self, simulated: int) -> int:
+        """Periods of a simulation of so many after which it repeats as the reference does: whole loops."""
+        return simulated // self.periods * self.periods or simulated
 
     def _solved(
         self, time: np.ndarray, values: Mapping[str, np.ndarray], present: Collection[str], impacts: np.ndarray
@@ -130,20 +140,19 @@ class Alignment:
             return 0.0, self._all.linear(self._all.correlated(loops), 0.0)
         cycles, _ = cut(time, loops, self.period, self.periods, self.per_period)
         loops = cycles.mean(axis=1)
-        shift = self.offset
-        sums = None
-        if self._trigger is self._all:
-            sums = self._all.correlated(loops)
-            shift = self._all.best(sums)
-        elif self._trigger is not None:
-            driven = [self.used.index(row) for row in self._trigger.rows]
-            shift = self._trigger.best(self._trigger.correlated(loops[driven]))
+        shift, trigger, sums = self.offset, self._trigger, None
+        if trigger is not None:
+            own = loops[[self.used.index(row) for row in trigger.rows]]
+            sums = trigger.correlated(own)
+            shift = trigger.best(sums)
         theta: dict[str, float] = {}
         if self._all.names:
-            theta = self._all.linear(self._all.correlated(loops) if sums is None else sums, shift)
-        if self._trigger is self._all and impacts.size:
+            theta = self._all.linear(sums if sums and trigger is self._all else self._all.correlated(loops), shift)
+        if trigger is not None and not self._given and impacts.size:
             at = np.unique((impacts / self.period * self.per_period) % self._all.size)
-            shift, theta = self._all.polished(loops, at, shift, theta)
+            known = {name: theta[name] for name in trigger.names}
+            shift, known = trigger.polished(own, at, shift, known)
+            theta |= known
         return ((shift - self.offset) / self.per_period) % self.periods, theta
 
     def _moved(self, time: np.ndarray, values: np.ndarray, shift: float, trust: np.ndarray | float = 1.0) -> np.ndarray:
@@ -158,10 +167,13 @@ class Alignment:
                     f"the simulation lasts from {time[0]:.6g} s to {time[-1]:.6g} s, the reference from "
                     f"{self.time[0]:.6g} s to {self.time[-1]:.6g} s; ask for the reference's times"
                 )
-            return np.array([np.interp(self.time, time, row) for row in values])
+            at = np.clip(self.time, time[0], time[-1])
+            straight = np.array([np.interp(at, time, row) for row in values])
+            cubic = CubicHermiteSpline(time, values, np.gradient(values, time, axis=1), axis=1)(at)
+            return straight + trust * (cubic - straight)  # a cubic would overshoot on both sides of a jump
         cycles, phase = cut(time, values, self.period)
         steps = phase.size
-        flat = cycles.reshape(len(values), -1)
+        flat = cycles[:, : self._repeating(cycles.shape[1])].reshape(len(values), -1)
         position = (self.time / self.period + shift - phase[0]) * steps
         before = np.floor(position)
         share = position - before

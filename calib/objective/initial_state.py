@@ -311,11 +311,14 @@ def _unknown(record: xr.Dataset, parameter: Parameter, body: str, channel: str, 
 
 
 def quarter_period(values: np.ndarray) -> int:
-    """Samples after which values (n,) have lost their autocorrelation: a quarter of a period of an oscillation."""
+    """Samples after which values (n,) have lost their autocorrelation: a quarter of a period of an oscillation.
+
+    The number of all where they keep it, or do not vary.
+    """
     swing = values - values.mean()
     spectrum = np.fft.rfft(swing, 2 * swing.size)
     below = np.fft.irfft(np.abs(spectrum) ** 2)[: swing.size] <= 0.0
-    return int(np.argmax(below)) if below.any() else swing.size
+    return int(np.argmax(below)) or swing.size
 
 
 def first_value(time: np.ndarray, values: np.ndarray, window: int) -> tuple[float, float]:

@@ -60,6 +60,10 @@ class Objective:
         self._prepared = {
             name: _prepared(reference, self.terms_of(name)) for name, reference in self.references.items()
         }
+        self.references = {
+            name: _in_whole_loops(reference, self._prepared[name].motion.period)
+            for name, reference in self.references.items()
+        }
         self.scored = [name for name, reference in self.references.items() if reference.use == "calibrate"]
         if not self.scored:
             raise CalibError('no reference is used to calibrate; set use = "calibrate" for one of them at least')
@@ -295,6 +299,13 @@ class Objective:
 
 def _prepared(reference: Reference, terms: Sequence[Term]) -> PreparedReference | PreparedResponse:
     return (PreparedResponse if is_response(reference.record) else PreparedReference)(reference, terms)
+
+
+def _in_whole_loops(reference: Reference, period: int | None) -> Reference:
+    """Return a reference whose request is for whole loops of its motion, which returns after `period` periods."""
+    loops = -(-reference.request.periods // (period or 1))
+    request = replace(reference.request, periods=loops * (period or 1))
+    return reference if request == reference.request else replace(reference, request=request)
 
 
 def _of(term: Term, references: Mapping[str, Reference]) -> Term:

@@ -68,6 +68,8 @@ class PreparedReference:
         self.prescribed = frozenset(prescribed(self.record))
         wanted = [t for t in terms if t.records is None or reference.name in t.records] or terms
         self._bodies = {body for term in wanted for body in term.bodies or self.bodies}
+        of_terms = {(b, c) for term in wanted for b in term.bodies or self.bodies for c in term.feature.channels}
+        self._pairs = of_terms & {(b, c) for b in self.bodies for c in channels_of(self.record)}
         self._alignments: dict[Pairs, Alignment] = {}
         self._alignment(self.prescribed)
         self._channels = channels_of(self.record)
@@ -88,6 +90,7 @@ class PreparedReference:
                 self.reference.nuisance,
                 self._bodies,
                 prescribed,
+                self._pairs,
             )
         return self._alignments[prescribed]
 
@@ -133,14 +136,10 @@ class PreparedReference:
 
     @cached_property
     def _comparison(self) -> Comparison:
-        """Samples from which the initial state is solved: all that is measured of the compared bodies."""
-        rows = [
-            (body, channel)
-            for channel in self._channels
-            for body in self.bodies
-            if body in self._bodies and (body, channel) not in self.prescribed
-        ]
-        return Comparison(self.record, rows)
+        """Samples from which the initial state is solved: what terms compare, else all measured ones of the bodies."""
+        measured = [(body, channel) for channel in self._channels for body in self.bodies if body in self._bodies]
+        free = [pair for pair in measured if pair not in self.prescribed]
+        return Comparison(self.record, [pair for pair in free if pair in self._pairs] or free)
 
     def _unknowns(self, model: Model) -> list[Unknown]:
         """Return the components of the initial state, estimated from this reference alone."""

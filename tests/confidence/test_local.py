@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from calib.confidence.covariance import distance_to_minimum, sandwich
 from calib.confidence.identifiability import MAX_WINDOW_SHARE, combination, undetermined_combinations
@@ -359,3 +360,19 @@ def test_a_combination_of_log_parameters_is_a_product_of_powers(shifts, text):
 def test_a_wrong_number_of_blocks_is_refused():
     with pytest.raises(CalibError, match="one block number per residual"):
         local(linear(np.ones((20, 1)), 0.5, np.ones(20)), cube("a"), np.array([0.5]), blocks=np.zeros(3))
+
+
+@pytest.mark.parametrize("records", [3, 6, 10])
+def test_the_noise_of_one_feature_is_not_taken_for_that_of_another(records):
+    """Two features of one number a record, one of them a hundred times as noisy as the other."""
+    matrix = np.kron(np.eye(2), np.ones((records, 1)))
+    level, blocks = np.repeat([0.001, 0.1], records), np.repeat([0, 1], records)
+    rng, squares, held = np.random.default_rng(records), [], []
+    for _ in range(200):
+        noise = level * rng.standard_normal(2 * records)
+        step = np.linalg.lstsq(matrix, noise, rcond=None)[0]
+        covariance, freedom = sandwich(matrix, noise - matrix @ step, blocks)
+        squares.append(np.diag(covariance))
+        held.append(np.abs(step) <= stats.t.isf(0.025, freedom) * np.sqrt(squares[-1]))
+    assert np.sqrt(np.mean(squares, axis=0)) == pytest.approx(level[[0, -1]] / np.sqrt(records), rel=0.25)
+    assert np.mean(held) > 0.9

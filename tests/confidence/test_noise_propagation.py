@@ -7,7 +7,9 @@ import pytest
 import xarray as xr
 
 from calib.confidence.noise_propagation import UNSTATED_NOISE_SHARE, noise_draws
+from calib.errors import CalibError
 from calib.records import make
+from calib.records.response import make_response
 
 
 @dataclass(frozen=True)
@@ -54,3 +56,28 @@ def test_terms_of_one_channel_echo_together():
 
 def test_the_same_seed_gives_the_same_echo():
     np.testing.assert_array_equal(found(record(), 3, 2), found(record(), 3, 2))
+
+
+def test_frequencies_of_a_stated_uncertainty_are_drawn_with_the_parts():
+    frequency = np.linspace(8.0, 12.0, 30)
+    response = make_response(frequency, ["mass"], np.ones((1, 30)), 1.0, "N", frequency_sigma=np.full(30, 0.02))
+
+    class Swept(Objective):
+        def residuals(self, records):
+            return self.references["a"].record["frequency"].rename(point="residual")
+
+    draws = noise_draws(Swept({"a": Reference(response)}, ()), {}, 1, 200)
+    assert np.std(draws) == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_draw_without_what_a_term_compares_is_left_out():
+    class Fragile(Objective):
+        def residuals(self, records):
+            found = super().residuals(records)
+            if found.values[-1] > 0.0:
+                raise CalibError("the reference shows no impact")
+            return found if found.values[-1] > -0.001 else found[:-1]
+
+    draws = noise_draws(Fragile({"a": Reference(record())}, ()), {"a": record()}, 1, 100)
+    assert 0 < len(draws) < 60
+    assert draws.shape[1] == 51

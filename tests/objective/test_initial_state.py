@@ -79,6 +79,10 @@ def test_the_start_is_read_off_the_first_samples_and_outliers_have_no_say(outlie
     assert first_value(TIME, x, quarter_period(x)) == (pytest.approx(value, abs=1e-3), pytest.approx(rate, abs=0.05))
 
 
+def test_a_channel_that_does_not_move_has_no_quarter_period():
+    assert quarter_period(np.zeros(600)) == 600
+
+
 def test_lost_echoes_are_outliers_and_turning_points_are_not():
     rng = np.random.default_rng(5)
     x = 0.05 * np.cos(9.0 * TIME) + 1e-4 * rng.standard_normal(TIME.size)

@@ -309,6 +309,60 @@ def test_a_period_2_reference_wants_a_period_2_motion():
     assert wrong.cost > 10.0
 
 
+def repeating(loops, periods):
+    """Motion of one body that returns after so many periods of the excitation, with its section."""
+    time = np.arange(64 * periods) * PERIOD / 64
+    subharmonic = 0.2 * np.cos(2.0 * np.pi * FREQUENCY * time / loops + 0.4)
+    rate = -0.2 / loops * np.sin(2.0 * np.pi * FREQUENCY * time / loops + 0.4)
+    angle = 2.0 * np.pi * FREQUENCY * time
+    channels = {
+        "displacement": np.cos(angle) + subharmonic,
+        "velocity": 2.0 * np.pi * FREQUENCY * (rate - np.sin(angle)),
+    }
+    at = np.arange(64) / loops * 2.0 * np.pi + 0.4
+    section = {"displacement": 1.0 + 0.2 * np.cos(at), "velocity": -0.4 * np.pi * FREQUENCY / loops * np.sin(at)}
+    return make(
+        time, ["mass"], {name: row[None] for name, row in channels.items()},
+        section={name: row[None] for name, row in section.items()},
+        frequency=FREQUENCY, amplitude=1.0, place="mass", quantity="force",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("nuisance", [(), ("trigger",)])
+@pytest.mark.parametrize(("loops", "asked"), [(1, 6), (3, 6), (4, 8), (5, 10), (7, 7)])
+def test_a_motion_of_any_period_is_compared_over_whole_loops(loops, asked, nuisance):
+    compared = objective(repeating(loops, 3 * 16), Term(TimeHistory()), nuisance=nuisance)
+    assert compared.references["run"].request.periods == asked
+    for periods in (asked, asked + 1):  # a simulator that records more than it is asked for
+        score = compared({"run": repeating(loops, periods)})
+        assert score.kind == f"period-{loops}"
+        assert score.cost < 1e-3
+
+
+def test_the_trigger_is_solved_from_what_is_compared():
+    """A velocity that nothing compares, ten times as noisy as the displacement, would move it."""
+    rng, compared = np.random.default_rng(3), Term(PhaseCurve(channels=("displacement",)))
+    record = clapping(jump=0.0, trigger=0.0123)
+    velocity = record["velocity"]
+    record = record.assign(velocity=velocity + 0.3 * float(velocity.std()) * rng.standard_normal(velocity.shape))
+    found = objective(record, compared)({"run": simulated(jump=0.0)}).nuisances["run"]["trigger"]
+    both = objective(record)({"run": simulated(jump=0.0)}).nuisances["run"]["trigger"]
+    assert found == pytest.approx(0.0123, abs=1e-7)
+    assert abs(both - 0.0123) > 1e-6
+
+
+def test_a_decay_at_the_simulators_own_times_keeps_its_amplitude():
+    """At 12 samples a period a straight line half a sample away would be 3 % too small."""
+    rate, step = 40.0, 2.0 * np.pi / 40.0 / 12.0  # rad/s, s
+
+    def decay(time, **stated):
+        return make(time, ["mass"], {"displacement": (np.exp(-2.0 * time) * np.cos(rate * time))[None]}, **stated)
+
+    record = decay(step * np.arange(96), place="mass", quantity="free decay")
+    compared = objective(record, Term(TimeHistory()), nuisance=())
+    assert compared({"run": decay(step * (np.arange(98) - 0.5))}).cost < 0.008
+
+
 def test_a_motion_without_contact_is_of_no_other_period():
     assert objective(noisy(clapping()))({"run": simulated(jump=0.0)}).wrong == ()
 

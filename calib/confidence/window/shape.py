@@ -96,7 +96,9 @@ def largest_box(region: Region, centre: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def inscribed_ellipsoid(region: Region, inside: np.ndarray) -> InscribedEllipsoid:
-    """Largest ellipsoid inside with the shape of the window's second moments, about its mean.
+    """Largest ellipsoid inside, and in the box that is searched, with the shape of the window's second moments.
+
+    Its centre is their mean.
 
     Parameters
     ----------
@@ -109,8 +111,9 @@ def inscribed_ellipsoid(region: Region, inside: np.ndarray) -> InscribedEllipsoi
     shell = np.vstack([share * direction for share in RING_SHARES])
 
     def is_inside(radius: float) -> bool:
-        points = np.clip(centre + radius * shell @ root.T, 0.0, 1.0)
-        return bool((region.probability(points) >= INSIDE_PROBABILITY).all())
+        points = centre + radius * shell @ root.T
+        searched = (points >= 0.0).all() and (points <= 1.0).all()
+        return bool(searched and (region.probability(points) >= INSIDE_PROBABILITY).all())
 
     least, most = 0.0, MAX_RADIUS
     for _ in range(RADIUS_HALVINGS):

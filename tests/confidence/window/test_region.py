@@ -1,5 +1,7 @@
 """Windows of known shape: share, boundary, what bounds them, box and ellipsoid inside."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from benchmarks.bench_window import boosted_trees, emulated_margins
@@ -116,6 +118,14 @@ def test_box_and_ellipsoid_are_inside_and_large(drawn):
     ring = ellipsoid.centre + ellipsoid.radius * np.column_stack([np.cos(angle), np.sin(angle)]) @ ellipsoid.root.T
     assert disc(ring).admissible.all()
     assert np.pi * ellipsoid.radius**2 * np.linalg.det(ellipsoid.root) > 0.6 * area()
+
+
+def test_an_ellipsoid_is_not_larger_than_the_box_that_is_searched():
+    everywhere = SimpleNamespace(probability=lambda points: np.ones(len(points)))
+    ellipsoid = inscribed_ellipsoid(everywhere, space_filling(2, 1024, 1))
+    reach = ellipsoid.radius * np.linalg.norm(ellipsoid.root, axis=1)
+    assert reach == pytest.approx([0.5, 0.5], abs=0.01)
+    assert (ellipsoid.centre - reach > -1e-6).all()
 
 
 def test_a_kind_of_which_only_the_label_is_known_has_its_boundary_midway():
