@@ -26,11 +26,11 @@ class PredictedChannel:
     Attributes
     ----------
     curves : (draw, n)  [unit of the channel]
-    noise : its standard deviation  [unit of the channel]
+    noise : its standard deviation, of all samples or of each (n,)  [unit of the channel]
     """
 
     curves: np.ndarray
-    noise: float
+    noise: np.ndarray | float
 
     @property
     def median(self) -> np.ndarray:
@@ -45,13 +45,13 @@ class PredictedChannel:
     @property
     def sample_quantiles(self) -> np.ndarray:
         """Quantiles (4, n) of a measured sample at `TAILS`, noise included."""
-        return mixture_quantiles(self.curves, np.full(self.curves.shape[1], self.noise))
+        return mixture_quantiles(self.curves, np.broadcast_to(self.noise, self.curves.shape[1:]))
 
     def inside(self, measured: np.ndarray, counted: np.ndarray) -> float:
         """Share of the measured samples (n,) that are `counted` (n,) and lie in the widest band; NaN of none  [1]."""
         if not counted.any():
             return np.nan
-        probability = mixture_probability(measured, self.curves, np.full(measured.size, self.noise))[counted]
+        probability = mixture_probability(measured, self.curves, np.broadcast_to(self.noise, measured.shape))[counted]
         return float(np.mean((probability >= TAILS[0]) & (probability <= TAILS[-1])))
 
 
@@ -101,7 +101,8 @@ class PredictedLoop:
         normal = _normals(median / extent)
         apart = np.stack([channel.curves - own for channel, own in zip(both, median, strict=True)], axis=1) / extent
         offsets = np.einsum("dcn,cn->dn", apart, normal)
-        noise = np.sqrt(np.sum((np.array([[channel.noise] for channel in both]) / extent * normal) ** 2, axis=0))
+        deviation = np.array([np.broadcast_to(channel.noise, median.shape[1:]) for channel in both])
+        noise = np.sqrt(np.sum((deviation / extent * normal) ** 2, axis=0))
         ends = np.quantile(offsets, TAILS, axis=0), mixture_quantiles(offsets, noise)
         of_curve, of_samples = (median + own[:, None] * normal * extent for own in ends)
         return of_curve, of_samples

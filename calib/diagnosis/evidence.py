@@ -145,7 +145,7 @@ class Evidence:
             for index, known in enumerate(part.noise):
                 if not known.repeated:
                     samples = part.weight[index], part.measured[index], known.sigma if known.source == STATED else None
-                    profile = 1.0 if profiles is None or known.source == STATED else profiles[index]
+                    profile = known.profile if profiles is None or known.source == STATED else profiles[index]
                     estimate = from_residual(remainder.rows[index], *samples, remainder.absorbed[index], profile)
                     noises[index] = estimate.within(remainder.whole[index], part.weight[index])
             parts.append(replace(part, noise=tuple(noises)))

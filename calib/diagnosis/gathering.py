@@ -148,17 +148,17 @@ def _noise_of_row(
     """
     row, weight = compared.rows[index], compared.weight[index]
     samples, interval = (weight, compared.measured[index], _stated(reference.record, row)), _interval(reference)
-    ar = None if interval is None else shared(known, row, interval)
+    ar, profile = None if interval is None else shared(known, row, interval), _stated_profile(reference.record, row)
     if ar is not None:
-        noise = with_autoregression(ar, remainder.scaled(index, weight, ar), *samples)
+        noise = with_autoregression(ar, remainder.scaled(index, weight, ar) / profile, *samples)
     elif fitted:
-        profile: np.ndarray | float = 1.0
         if reference.is_swept and samples[2] is None:
             profile = noise_profiles(compared.rows, compared.measured, compared.weight, remainder)[index]
         noise = from_residual(remainder.rows[index], *samples, remainder.absorbed[index], profile)
     else:
-        noise = replace(with_autoregression(np.zeros(0), remainder.rows[index], *samples), repeated=False)
-    return noise.within(remainder.whole[index], weight)
+        noise = with_autoregression(np.zeros(0), remainder.rows[index] / profile, *samples)
+        noise = replace(noise, repeated=False)
+    return replace(noise, profile=profile).within(remainder.whole[index], weight)
 
 
 def _used(simulated: SimulatedRows, rows: Sequence[tuple[str, str]], good: np.ndarray) -> np.ndarray:
@@ -194,11 +194,14 @@ def _repeating(reference: Reference, compared: _ComparedRows, cycle: int) -> dic
     changes = _slow_changes(time, compared.simulated)
     slow = [mean_cycle(time, change, period, cycle, weight=weight).residual for change in changes]
     about = zip(rows, mean.residual, weight, compared.mended, np.stack(slow, axis=2), strict=True)
-    return {
-        row: from_cycles(left, w, values, mean.parameters, _stated(record, row), (own[:, :1], own))
-        for row, left, w, values, own in about
-        if w.any()
-    }
+    found: dict[tuple[str, str], Noise] = {}
+    for row, left, w, values, own in about:
+        profile = _stated_profile(record, row)
+        if w.any():
+            own = own / np.reshape(profile, (-1, 1))
+            noise = from_cycles(left / profile, w, values, mean.parameters, _stated(record, row), (own[:, :1], own))
+            found[row] = replace(noise, profile=profile)
+    return found
 
 
 def _slow_changes(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
@@ -221,3 +224,13 @@ def _stated(record: xr.Dataset, row: tuple[str, str]) -> float | None:
         return None
     index = [str(b) for b in record.body.values].index(body)
     return float(np.sqrt(np.mean(np.square(record[f"{channel}_sigma"].values[index]))))
+
+
+def _stated_profile(record: xr.Dataset, row: tuple[str, str]) -> np.ndarray | float:
+    """Standard deviation (n,) of each sample's noise over the rms one, where the record states one of each; else 1."""
+    body, channel = row
+    if is_response(record) or f"{channel}_sigma" not in record:
+        return 1.0
+    index = [str(b) for b in record.body.values].index(body)
+    sigma = np.asarray(record[f"{channel}_sigma"].values[index])
+    return sigma / float(np.sqrt(np.mean(sigma**2))) if np.ptp(sigma) > 0.0 else 1.0

@@ -321,7 +321,7 @@ def from_residual(
     excess = (noise.sigma / stated) ** 2 - CRITERIA.max_variance_ratio
     if excess < CRITERIA.significance_std * noise.mean_square_std(counted):
         return _beside_stated(noise, stated, free)
-    return Noise(stated, np.zeros(0), STATED)
+    return Noise(stated, np.zeros(0), STATED, profile=profile)
 
 
 def with_autoregression(

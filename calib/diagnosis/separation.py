@@ -328,9 +328,10 @@ def new_part(made: Experiment, centres: Sequence[SimulatedRows]) -> Part:
         return _stepped_part(part, made.stepped, rows)
     sources = [*range(len(part.rows)), *(_similar_row(part, channel) for _, channel in made.rows[len(part.rows) :])]
     intervals = [float(np.median(np.diff(time))) for time in (part.time, centres[0].time)]
+    alike = [replace(part.noise[k], profile=1.0) for k in sources]  # of other instants no profile is known
     noise = tuple(
-        _scaled(part.noise[k], row, part.measured[k]).at_interval(intervals[1] / intervals[0])
-        for k, row in zip(sources, rows, strict=True)
+        _scaled(own, row, part.measured[k]).at_interval(intervals[1] / intervals[0])
+        for own, k, row in zip(alike, sources, rows, strict=True)
     )
     used = np.concatenate([part.used.any(axis=1), np.ones(len(made.rows) - len(part.rows), dtype=bool)])
     moving = np.array([channel == "velocity" for _, channel in made.rows])

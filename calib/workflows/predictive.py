@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -253,11 +253,17 @@ def _with_noise(name: str, case: Case, objective: Objective, answer: Evaluation 
     rows = [k for k, used in enumerate(part.used) if used.any()]
     compared = list(dict.fromkeys(part.rows[k][0] for k in rows))
     bodies = compared[:MAX_PREDICTED_BODIES]
-    noise = {part.rows[k]: part.noise[k] for k in rows if part.rows[k][0] in bodies}
+    noise = {part.rows[k]: _of_predicted(part.noise[k]) for k in rows if part.rows[k][0] in bodies}
     if not noise:
         return unusable("the excitation prescribes all that is compared")
     period = None if part.period is None else part.cycle * part.period
     return _Compared(name, case, objective, noise, period, "", len(compared) - len(bodies))
+
+
+def _of_predicted(noise: Noise) -> Noise:
+    """Return the noise of those samples of a record that are predicted."""
+    profile = np.asarray(noise.profile)
+    return replace(noise, profile=profile[:MAX_PREDICTED_SAMPLES]) if profile.ndim else noise
 
 
 def _predicted(one: _Compared, pieces: Sequence[Mapping[str, np.ndarray]]) -> PredictedRecord | PredictedRecordResult:
@@ -273,7 +279,8 @@ def _predicted(one: _Compared, pieces: Sequence[Mapping[str, np.ndarray]]) -> Pr
     measured = whole.isel(time=slice(MAX_PREDICTED_SAMPLES))
     left_out = whole.sizes["time"] - measured.sizes["time"]
     measured = measured.sel(body=list(dict.fromkeys(body for body, _ in one.noise)))
-    channels = {row: PredictedChannel(curves[:, k], noise.sigma) for k, (row, noise) in enumerate(one.noise.items())}
+    levels = {row: noise.sigma * noise.profile for row, noise in one.noise.items()}
+    channels = {row: PredictedChannel(curves[:, k], level) for k, (row, level) in enumerate(levels.items())}
     told = tuple(
         _channel_result(body, channel, channels[body, channel], noise, measured, trust)
         for (body, channel), noise in one.noise.items()

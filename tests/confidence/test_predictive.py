@@ -42,6 +42,17 @@ def test_the_share_of_samples_inside_is_that_of_the_normal_distribution(offset, 
     assert np.mean([own.inside(one, counted) for one in measured]) == pytest.approx(share, abs=0.01)
 
 
+def test_a_band_is_as_wide_as_the_noise_of_each_sample():
+    noise = np.where(TIME < 0.5, 0.05, 0.5)
+    own, rng = PredictedChannel(normal_curves(0.0), noise), np.random.default_rng(0)
+    measured = np.array([own.median + noise * rng.standard_normal(SAMPLES) for _ in range(20)])
+    for part in (TIME < 0.5, TIME >= 0.5):
+        assert np.mean([own.inside(one, part) for one in measured]) == pytest.approx(0.95, abs=0.01)
+    assert np.diff(own.sample_quantiles[[0, -1]], axis=0)[0] == pytest.approx(2.0 * 1.96 * noise, rel=0.01)
+    loop = PredictedLoop(own, PredictedChannel(normal_curves(0.0), 0.1))
+    assert np.isfinite(loop.bands()[1]).all()
+
+
 def test_samples_that_do_not_count_are_left_out():
     own = PredictedChannel(normal_curves(0.3), 0.4)
     measured = own.median + np.where(TIME < 0.5, 9.0, 0.0)

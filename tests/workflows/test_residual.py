@@ -92,3 +92,30 @@ def test_the_console_says_too_that_the_distance_is_large():
     assert "The distance is more than 5 %" in printed(far)
     assert any("The distance is more than 5 %" in point for point in verdict(far).points)
     assert "distance" not in printed(CalibrationResult(score=ScoreSummary(0.02)))
+
+
+def beside_uneven_noise(left):
+    """Return the part of a free decay whose noise is stated as ten times smaller from 0.5 s on, with what is left."""
+    time = np.arange(1000) * 1e-3
+    motion, sigma = np.exp(-2.0 * time) * np.cos(40.0 * time), np.where(time < 0.5, 0.05, 0.005)
+    noise = sigma * np.random.default_rng(3).standard_normal(time.size)
+    rows = {"displacement": (motion + noise + left * motion)[None], "displacement_sigma": sigma[None]}
+    record = records.make(time, ["mass"], rows, place="mass", quantity="free decay")
+    objective = Objective({"decay": Reference("decay", record)}, [Term(load("calib.features", "time_history")())])
+    simulated = records.make(time, ["mass"], {"displacement": motion[None]})
+    return residual.beside_simulation(objective, "decay", simulated), sigma
+
+
+def test_noise_that_is_stated_of_each_sample_is_that_of_each_sample():
+    (part, view), sigma = beside_uneven_noise(0.0)
+    noise = part.noise[0]
+    assert noise.sigma * noise.profile == pytest.approx(sigma)
+    white = part.whitened(part.measured - view.rows)
+    assert np.mean(np.reshape(white, (2, -1)) ** 2, axis=1) == pytest.approx([1.0, 1.0], rel=0.15)
+
+
+def test_a_misfit_where_the_noise_is_small_is_seen():
+    """It would vanish beside the rms of the stated noise: 0.036 where 0.005 is stated."""
+    for left, least, most in ((0.0, 0.9, 1.1), (0.03, 1.5, 9.0)):
+        (part, view), _ = beside_uneven_noise(left)
+        assert least < np.mean(part.whitened(part.measured - view.rows)[-500:] ** 2) < most
