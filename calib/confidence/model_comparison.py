@@ -3,7 +3,8 @@
 A likelihood that each model adjusts to its own residuals compares nothing: a model that misses an effect takes its
 misfit for noise. All models have the noise of the one that fits best. Its residuals give the covariance of the estimate
 in each model, and the variance along the direction in which two models' residuals differ, by which the difference of
-their sums of squares is a difference of log-likelihoods (as `calib.confidence.likelihood` has it for parameters).
+their sums of squares is a likelihood ratio (as `calib.confidence.likelihood` has it for parameters), with the level of
+the noise integrated out (as `calib.confidence.posterior.LogLikelihood` has it).
 
 The evidence is the mean of the likelihood over the prior, so that the Bayes factor of a model with one more parameter
 falls in proportion to the width of that parameter's prior where the data determine it. Words for Bayes factors: R. E.
@@ -76,7 +77,8 @@ def comparable(analyses: Sequence[LocalAnalysis], names: Sequence[str]) -> list[
         likelihood = AdjustedLikelihood(square, own.unit_covariance, covariance, freedom)
         apart = own.residuals - noise
         excess = square - float(noise @ noise)
-        found.append(ComparableModel(likelihood, 0.0 - 0.5 * excess * _precision(apart, noise, labels, draws)))
+        precision, free = _precision(apart, noise, labels, draws, linearised[best].jacobian.shape[1])
+        found.append(ComparableModel(likelihood, -0.5 * (free + 1.0) * math.log1p(max(excess, 0.0) * precision / free)))
     return found
 
 
@@ -91,13 +93,18 @@ def _linearised(analysis: LocalAnalysis, name: str) -> Linearised:
 
 
 def _precision(
-    direction: np.ndarray, residuals: np.ndarray, blocks: np.ndarray, noise_draws: np.ndarray | None
-) -> float:
-    """Inverse variance of the noise (m,) along a direction (m,); 1 where there is no direction."""
+    direction: np.ndarray, residuals: np.ndarray, blocks: np.ndarray, noise_draws: np.ndarray | None, fitted: int
+) -> tuple[float, float]:
+    """Inverse variance of the noise along a direction (m,), and its degrees of freedom; both 1 without a direction.
+
+    residuals : (m,) of a model of so many `fitted` parameters
+    """
     if not direction.any():
-        return 1.0
-    covariance, _ = sandwich(direction[:, None], residuals, blocks, noise_draws)
-    return float(1.0 / (direction @ direction * covariance[0, 0]))
+        return 1.0, 1.0
+    covariance, freedom = sandwich(direction[:, None], residuals, blocks, noise_draws)
+    whole = float(freedom[0]) + 1.0  # the sandwich allows for one direction that was fitted
+    free = max(1.0, whole - fitted)
+    return float(1.0 / (direction @ direction * covariance[0, 0])) * free / float(freedom[0]), free
 
 
 def in_words(log_factor: float) -> str:

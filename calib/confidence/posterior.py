@@ -60,6 +60,10 @@ class Posterior:
 class LogLikelihood:
     """Logarithm of the adjusted likelihood over that of the best point, finite and with a slope everywhere.
 
+    The level of the noise is estimated from the residuals with nu degrees of freedom: it is integrated out, so that a
+    likelihood ratio R of d parameters becomes a multivariate t, (1 + R / nu)^-(nu + d)/2 (Box & Tiao, Bayesian
+    Inference in Statistical Analysis, 1973, section 2.7), nu being the least of any parameter.
+
     A simulation that moves in a wrong way is less likely than any that does not, the more so the larger the cost of the
     objective, and one that fails is less likely still, by its distance from the best point: nested sampling ends on a
     plateau.
@@ -78,7 +82,9 @@ class LogLikelihood:
         shift = np.array(point.u) - self.centre
         if math.isfinite(point.square):
             ratio = self.likelihood.ratio(point.square, range(shift.size), shift) if shift.any() else 0.0
-            return -0.5 * ratio / (1.0 + max(ratio, 0.0) / self._worst)
+            freedom = float(self.likelihood.degrees_of_freedom.min())
+            deviance = (freedom + shift.size) * math.log1p(ratio / freedom) if ratio > 0.0 else ratio
+            return -0.5 * deviance / (1.0 + max(deviance, 0.0) / self._worst)
         if math.isfinite(point.cost):  # of a wrong kind of motion: 10 to 21
             return -self._worst * (1.0 + point.cost / MIN_COST_OF_WRONG_KIND)
         return -self._worst * (4.0 + float(np.linalg.norm(shift)))

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib.confidence.local import local
+from calib.confidence.covariance import sandwich, unit_covariance
+from calib.confidence.local import Linearised, local
 from calib.confidence.model_comparison import comparable, in_words, width_in_words
 from calib.confidence.posterior import LogLikelihood, sample_posterior
 from calib.confidence.profiles import LocalAnalysis, fit_about
@@ -133,3 +134,23 @@ def test_the_window_that_would_make_both_equal_is_told():
     assert "wider by a factor of 7.4 in all" in width_in_words(2.0)
     assert "wider by a factor of 10^13 in all" in width_in_words(30.0)
     assert width_in_words(3000.0) == "no width of the windows would change that"
+
+
+@pytest.mark.parametrize(("number", "parameters"), [(10, 4), (15, 5), (60, 5)])
+def test_of_few_residuals_a_parameter_too_many_is_no_evidence(number, parameters):
+    """Twice the logarithm of its likelihood ratio is a chi-square of one degree of freedom."""
+    rng, twice = np.random.default_rng(number), []
+    for _ in range(600):
+        columns, noise = rng.standard_normal((number, parameters)), rng.standard_normal(number)
+        analyses = []
+        for count in (parameters - 1, parameters):
+            own = columns[:, :count]
+            residuals = noise - own @ np.linalg.lstsq(own, noise, rcond=None)[0]
+            covariance, freedom = sandwich(own, residuals, np.zeros(number, dtype=int))
+            linearised = Linearised(residuals, own, unit_covariance(own), covariance, freedom)
+            confidence = SimpleNamespace(linearised=linearised, reason="")
+            analyses.append(LocalAnalysis(None, confidence, None, None))
+        fewer, more = comparable(analyses, ["fewer", "more"])
+        twice.append(2.0 * (more.log_best - fewer.log_best))
+    assert np.mean(twice) == pytest.approx(1.0, abs=0.3)
+    assert np.mean(np.array(twice) > 6.0) < 0.05

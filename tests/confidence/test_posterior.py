@@ -152,9 +152,20 @@ def test_a_lognormal_prior_of_a_window_without_a_value_above_0_is_refused():
         Prior("lognormal", 1.0, 0.5).check(Window(-2.0, 0.0))
 
 
+@pytest.mark.parametrize("freedom", [3.0, 12.0])
+def test_of_a_linear_model_of_few_residuals_the_posterior_is_students_t(freedom):
+    """As are its local interval and its profile."""
+    likelihood = AdjustedLikelihood(1e-3, np.array([[1.0]]), np.array([[1e-4]]), np.array([freedom]))
+    logarithm = LogLikelihood(likelihood, np.array([0.5]))
+    shift = np.linspace(-0.5, 0.5, 4001)
+    density = np.exp([logarithm(FittedPoint((0.5 + d,), 1e-3 + d**2, 1.0)) for d in shift])
+    known = stats.t.pdf(shift / 0.01, freedom)
+    assert density / density.sum() == pytest.approx(known / known.sum(), abs=2e-3 * known.max() / known.sum())
+
+
 def test_what_cannot_be_compared_is_less_likely_and_has_a_slope():
     spread = np.diag([0.01, 0.02]) ** 2
-    likelihood = AdjustedLikelihood(1e-3, spread / 1e-4, spread, np.full(2, 100.0))
+    likelihood = AdjustedLikelihood(1e-3, spread / 1e-4, spread, np.full(2, 1e6))
     logarithm = LogLikelihood(likelihood, np.array([0.5, 0.5]))
 
     def point(x, square, cost):
