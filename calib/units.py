@@ -21,7 +21,16 @@ POWERS_FROM = 1e5  # such and larger numbers are written with a power of ten  [1
 # a number, then its unit; a comma is refused because pint drops it: '1,5 mm' would become 15 mm
 QUANTITY = re.compile(r"\s*\(?\s*[+-]?\s*(\d|\.\d|inf|nan)[\w\s.+\-*/^()%°µ]*")
 # a further number that no operator joins, but the one of '3 1/s' and of '3 1': pint would multiply by it
-SECOND_NUMBER = re.compile(r"[^\s*/^(+\-]\s+(?!1\s*(/|$))[.\d]")
+SECOND_NUMBER = re.compile(r"[^\s*/^(+\-]\s+(?!1\s*(/\s*[^\s\d.]|$))[.\d]")
+MINUS = "\u2212"  # as word processors and some programs write the sign
+PRODUCT_DOTS = "\u00b7\u22c5"  # of units, as in 'N·s/m'
+UNIT_POWER = re.compile(r"(?<![\w.])([^\W\d_]+)-(?=\d+(?![\w.]))")  # 's-1', a power without a sign for it
+# '5 mm +- 1 mm', '5.00(2) mm': pint would work out the difference and the product
+VALUE_WITH_UNCERTAINTY = re.compile(r"±|\+\s*/?\s*-|[\d.]\s*\(\s*[\d.]+\s*\)")
+EXPONENT_SIGN = re.compile(r"(?<=[\d.])[eE][+-](?=\d)")
+SUM = re.compile(r"[^\s(*/^]\s*[+-]")  # a sign between two terms
+NEWTON_PRODUCT = re.compile(r"\b([kM]?N)(mm?|s)\b")  # of which the registry makes other units, if any
+TURN = "turn"  # name in the registry of a cycle and a revolution too
 
 COMMON_UNITS = (
     "m",
@@ -62,7 +71,9 @@ EXPONENT = re.compile(rf"\*\*\s*({DECIMAL}|\(\s*{DECIMAL}\s*(/\s*{DECIMAL}\s*)?\
 def _registry() -> "pint.UnitRegistry":
     import pint  # 0.5 s, and only needed where a unit string stands: the one import that does not stand at the top
 
-    return pint.UnitRegistry()
+    registry: pint.UnitRegistry = pint.UnitRegistry()
+    registry.define(f"@alias {TURN} = rev")
+    return registry
 
 
 def to_si(quantity: str | float, unit: str) -> float:
@@ -75,8 +86,9 @@ def to_si(quantity: str | float, unit: str) -> float:
 
     Raises
     ------
-    CalibError : no number, an unknown unit, another dimension, or hertz on one side only. Cycles and radians have no
-        dimension, so 26.24 Hz would silently become 26.24 rad/s; such a conversion is always refused.
+    CalibError : no number, more than one, as in ``"5 mm +- 1 mm"``, an unknown unit, another dimension, or hertz or
+        turns a second on one side only. Cycles and radians have no dimension, so 26.24 Hz would silently become
+        26.24 rad/s, and 26.24 cycle/s 164.9 1/s; such a conversion is always refused.
     """
     if hasattr(quantity, "item") and getattr(quantity, "size", 0) == 1:  # a number of numpy's, or an array of one
         quantity = quantity.item()
@@ -89,11 +101,12 @@ def to_si(quantity: str | float, unit: str) -> float:
     if given.unitless and str(expected.units) != "dimensionless":
         raise CalibError(f"{quantity!r} has no unit: write '{quantity} {unit}', or the bare number for {unit}")
     if not given.is_compatible_with(expected):
-        raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}; mend the unit")
-    if _hertz(given) != _hertz(expected):
+        remedy = _newton_product(quantity) or "; mend the unit"
+        raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}{remedy}")
+    if _hertz(given) != _hertz(expected) or _turns_a_second(given) != _turns_a_second(expected):
         raise CalibError(
-            f"{quantity!r} is not converted to {unit or '1'}: hertz counts cycles, and 1 Hz may mean 1/s or "
-            f"2 pi rad/s; work it out and write it in {unit or '1'}"
+            f"{quantity!r} is not converted to {unit or '1'}: hertz counts cycles, as turns a second do, and 1 Hz may "
+            f"mean 1/s or 2 pi rad/s; work it out and write it in {unit or '1'}"
         )
     try:
         value = float(given.m_as(expected.units))
@@ -190,21 +203,45 @@ def _parse(text: str, unit: str) -> "pint.Quantity":
             f"a quantity of {len(text)} characters, {text[:20]!r}..., exceeds the bound of {MAX_QUANTITY_CHARACTERS}; "
             "write a number and a unit, as in '1 N s/m'"
         )
-    if not QUANTITY.fullmatch(text):
+    plain = text.replace(MINUS, "-")
+    for dot in PRODUCT_DOTS:
+        plain = plain.replace(dot, "*")
+    plain = UNIT_POWER.sub(r"\1^-", plain)
+    _check_terms(text, plain, unit)
+    if not QUANTITY.fullmatch(plain):
         raise CalibError(mistake)
-    if SECOND_NUMBER.search(text.strip()):
+    if SECOND_NUMBER.search(plain.strip()):
         raise CalibError(f"{text!r} has two numbers; write one, digits without blanks between them, as in '12500 N/m'")
-    _check_powers(text)
+    _check_powers(plain)
     try:
-        return _registry().Quantity(text)
+        return _registry().Quantity(plain)
     except pint.errors.UndefinedUnitError as error:
         name = error.unit_names if isinstance(error.unit_names, str) else next(iter(error.unit_names))
-        hint = nearest(name, [*COMMON_UNITS, *_registry()])
+        hint = _newton_product(text) or nearest(name, [*COMMON_UNITS, *_registry()])
         raise CalibError(f"unknown unit {name!r} in {text!r}{hint}; expected a unit like {unit!r}") from error
     except (pint.errors.PintError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
         raise CalibError(mistake) from error
     except (AssertionError, tokenize.TokenError) as error:  # what pint's parser raises on unfinished text
         raise CalibError(mistake) from error
+
+
+def _check_terms(text: str, plain: str, unit: str) -> None:
+    """Refuse a number with its uncertainty and a sum, which pint would work out.
+
+    plain : the text with "-" for every minus sign
+    """
+    example = f"5 {unit}".rstrip()
+    expected = f"expected one number and a unit, as in {example!r}, got {text!r}"
+    if VALUE_WITH_UNCERTAINTY.search(plain):
+        raise CalibError(f"{expected}, a number with its uncertainty or with a factor; write the number alone")
+    if SUM.search(EXPONENT_SIGN.sub("e", plain)):
+        raise CalibError(f"{expected}, a sum or a difference; work it out")
+
+
+def _newton_product(text: str) -> str:
+    """Advice where the product of newton and another unit is written without a blank; "" elsewhere."""
+    match = NEWTON_PRODUCT.search(text)
+    return f"; write a product of units with a blank, '{match[1]} {match[2]}' for {match[0]!r}" if match else ""
 
 
 def _check_powers(text: str) -> None:
@@ -227,6 +264,14 @@ def _hertz(quantity: "pint.Quantity") -> float:
     """Power of hertz (and its multiples) in a quantity's unit [1]."""
     powers: list[tuple[str, Any]] = list(quantity.unit_items())  # `Any`: pint leaves open which numbers they are
     return sum(power for name, power in powers if name.endswith("hertz"))
+
+
+def _turns_a_second(quantity: "pint.Quantity") -> float:
+    """Power of turns, cycles or revolutions in a quantity's unit, where time has one of the other sign [1]."""
+    powers: list[tuple[str, Any]] = list(quantity.unit_items())
+    turns = float(sum(power for name, power in powers if name == TURN))
+    times = (power for name, power in powers if _registry().get_dimensionality(name) == {"[time]": 1})
+    return turns if any(turns * power < 0.0 for power in times) else 0.0
 
 
 def _number(value: float, quantity: str | float, unit: str) -> float:

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import re
 import time
 
 import pytest
@@ -27,6 +28,15 @@ from calib.units import shown, to_si
         ("-1.5e-3 m", "m", -1.5e-3),
         ("inf m", "m", math.inf),
         ("(2 m/V) * (3 mV)", "m", 6e-3),
+        ("\u22121.5e\u22123 m", "m", -1.5e-3),  # the minus sign of a word processor
+        ("3 m s-1", "m/s", 3.0),
+        ("7850 kg m\u22123", "kg/m^3", 7850.0),
+        ("5 N·s/m", "N s/m", 5.0),
+        ("1/2 in", "m", 0.0127),
+        ("5 (mm)", "m", 5e-3),
+        ("1 deg * (-1.0)", "rad", -math.pi / 180.0),
+        ("0.25 turn", "rad", math.pi / 2),
+        ("1 N m/turn", "N m/rad", 0.5 / math.pi),
     ],
 )
 def test_a_text_becomes_its_si_number(text, unit, value):
@@ -40,10 +50,47 @@ def test_a_bare_number_is_si_already(number):
 
 @pytest.mark.parametrize(
     ("text", "unit"),
-    [("26.24 Hz", "rad/s"), ("26.24 Hz", "1/s"), ("164.9 rad/s", "Hz"), ("60 rpm", "Hz"), ("5 1/s", "Hz")],
-)
+    [("26.24 Hz", "rad/s"), ("26.24 Hz", "1/s"), ("164.9 rad/s", "Hz"), ("60 rpm", "Hz"), ("5 1/s", "Hz"),
+     ("26 cycle/s", "1/s"), ("26 turn/s", "rad/s"), ("26 revolution/s", "1/s"), ("26 rev/s", "rad/s"),
+     ("26 cycle/s", "Hz"), ("1560 rev/min", "1/s")],
+)  # fmt: skip
 def test_hertz_is_never_converted_to_another_rate(text, unit):
     with pytest.raises(CalibError, match="hertz counts cycles"):
+        to_si(text, unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "says"),
+    [
+        ("5 mm +- 1 mm", "m", "as in '5 m', got '5 mm +- 1 mm', a number with its uncertainty"),  # would be 4 mm
+        ("5 mm +/- 1 mm", "m", "a number with its uncertainty"),
+        ("5 mm ± 1 mm", "m", "a number with its uncertainty"),
+        ("5.00(2) mm", "m", "got '5.00(2) mm', a number with its uncertainty"),  # would be 10 mm
+        ("1.5(3) kN/m", "N/m", "a number with its uncertainty"),
+        ("26.24(1) Hz", "Hz", "a number with its uncertainty"),
+        ("1 1/2 in", "m", "two numbers"),  # would be half an inch
+        ("2 1/2", "1", "two numbers"),
+        ("1-1/2 in", "m", "a sum or a difference"),
+        ("2-3 mm", "m", "a sum or a difference"),
+        ("5 mm - 1 mm", "m", "a sum or a difference"),
+    ],
+)
+def test_a_text_with_more_than_one_number_is_never_worked_out(text, unit, says):
+    with pytest.raises(CalibError, match=re.escape(says)):
+        to_si(text, unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "says"),
+    [
+        ("1 Nm", "N m", "'N m' for 'Nm'"),  # the registry has a unit Nm, of yarn
+        ("1 kNm/rad", "N m/rad", "'kN m' for 'kNm'"),
+        ("1 Nmm", "N m", "unknown unit 'Nmm' in '1 Nmm'; write a product of units with a blank, 'N mm' for 'Nmm'"),
+        ("1 Ns/m", "N s/m", "'N s' for 'Ns'"),
+    ],
+)
+def test_a_product_without_a_blank_is_answered_with_the_blank(text, unit, says):
+    with pytest.raises(CalibError, match=re.escape(says)):
         to_si(text, unit)
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.execution.files import checksum
-from calib.records.delimited import TextLayout, read_text
+from calib.records.delimited import TextLayout, read_text, stated_separator
 from calib.records.response import sweeps
 from calib.records.response_columns import (
     AMPLITUDE,
@@ -26,11 +26,12 @@ from calib.records.sheet import Sheet
 from calib.records.sheet_file import elements, read_sheet
 
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv")
-HEADING = re.compile(r"^\s*(?P<what>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]+)\])?\s*$")
+HEADING = re.compile(r"^\s*(?P<what>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]+)\]|\((?P<round>[^\[\]()]+)\))?\s*$")
+FREQUENCY_HEADING = re.compile(r"(^|[,;\t\"])\s*frequency\s*[\[(]", re.IGNORECASE)  # in a header
 ATTRIBUTE = re.compile(r"^#\s*(?P<key>place|quantity|source)\s*[:=]\s*(?P<value>.+?)\s*$")
 WITHOUT_UNIT = ("sweep", "direction")
 COMMON = ("frequency", "frequency sigma", "level", *WITHOUT_UNIT)
-PHASE_OF = re.compile(rf"^(?P<what>.* {PHASE}) of (?P<of>\w+)$")  # such as 'mass phase of displacement'
+PHASE_OF = re.compile(rf"^(?P<what>.* {PHASE}) of (?P<of>\w+)$", re.IGNORECASE)  # such as 'mass phase of displacement'
 OF_BODY = (AMPLITUDE, PHASE, IN_PHASE, QUADRATURE, "sigma")
 FORM = (
     "a frequency response has the columns 'frequency [Hz]' and, of each body, 'BODY amplitude [mm]' and "
@@ -137,10 +138,11 @@ def has_frequencies(path: Path) -> bool:
     """Whether the header of a delimited text names a column of frequencies, as a response has it."""
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            header = next((line for line in file if line.strip() and not line.startswith("#")), "")
+            rows = (line for line in file if line.strip() and not line.startswith("#") and not stated_separator(line))
+            header = next(rows, "")
     except OSError:
         return False
-    return bool(re.search(r"(^|[,;\t\"])\s*frequency\s*\[", header))
+    return FREQUENCY_HEADING.search(header) is not None
 
 
 def _columns(sheet: Sheet, level: StatedLevel | None) -> ResponseColumns:
@@ -150,11 +152,15 @@ def _columns(sheet: Sheet, level: StatedLevel | None) -> ResponseColumns:
     for name in names:
         position = next(i for i in sheet.columns if isinstance(i, int) and sheet.columns[i] is sheet.columns[name])
         match = HEADING.match(name)
-        what, unit = (match["what"], match["unit"] or "") if match else (name, "")
+        what, unit = (match["what"], match["unit"] or match["round"] or "") if match else (name, "")
         phase = PHASE_OF.match(what)
-        what, motion = (phase["what"], phase["of"]) if phase else (what, "")
+        what, motion = (phase["what"], phase["of"].lower()) if phase else (what, "")
         body, _, of = what.rpartition(" ")
-        if what in COMMON:
+        of = of.lower()
+        if what.lower() in COMMON:
+            what = what.lower()
+            if what in common:
+                raise CalibError(f"{sheet.path}: two columns are {what!r}, one of them {name!r}; rename or drop one")
             common[what] = UnitColumn(position, unit)
         elif body and of in OF_BODY:
             of_body[body, of] = UnitColumn(position, unit, of=motion)

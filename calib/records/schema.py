@@ -10,6 +10,7 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.records.excitation import UNITS as EXCITATION_UNITS
+from calib.records.filter import rounding_hint
 from calib.records.record import CHANNELS, INTERVAL, OK, STATE, channels, nuisance_sigma
 from calib.records.response import check_response, is_response
 from calib.units import is_si, to_si
@@ -139,9 +140,11 @@ def _check_time(time: np.ndarray, name: str) -> None:
     steps = np.diff(time)
     if (steps <= 0.0).any():
         at = int(np.argmax(steps <= 0.0))
+        hint = rounding_hint(time)
+        remedy = "drop samples only that were recorded twice" if hint else "sort the samples and drop repeated ones"
         raise CalibError(
             f"{name}: time must increase, but goes from {time[at]:.9g} s to {time[at + 1]:.9g} s at sample {at + 1}; "
-            "sort the samples and drop repeated ones"
+            f"{hint and f'{hint}; '}{remedy}"
         )
     if steps.min() < MIN_INTERVAL_S:
         raise CalibError(

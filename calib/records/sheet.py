@@ -1,5 +1,6 @@
 """The columns of a file of measured or simulated samples, by position and by name."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,21 +9,32 @@ from typing import Any
 import numpy as np
 
 from calib.errors import CalibError, nearest
+from calib.units import MINUS
 
 Cells = Sequence[Any] | np.ndarray  # of a column, not yet known to be numbers
+COMMA_GROUPS = re.compile(rf"[+{MINUS}-]?[1-9]\d{{0,2}}(,\d{{3}})+(\.\d*)?")  # '1,234.5'; '1,234' may be decimal
+POINT_GROUPS = re.compile(rf"[+{MINUS}-]?[1-9]\d{{0,2}}(\.\d{{3}})+(,\d*)?")  # '1.234,5'
 
 
 def real_number(cell: Any) -> float | None:
     """Value of a cell that can be read as a real number, infinities and NaN among them; None for any other."""
     try:
-        return float(cell)
+        return float(cell.replace(MINUS, "-") if isinstance(cell, str) else cell)
     except (ValueError, TypeError):
         return None
 
 
 def comma_hint(cell: Any) -> str:
-    """Advice where a cell that is no number has one comma."""
-    return "; if it is a decimal comma, set decimal = ','" if isinstance(cell, str) and cell.count(",") == 1 else ""
+    """Advice where a cell that is no number has one comma, or commas or points between its thousands."""
+    text = cell.strip() if isinstance(cell, str) else ""
+    commas = text.count(",")
+    if POINT_GROUPS.fullmatch(text):
+        return "; write it without points between the thousands, and set decimal = ','"
+    if not COMMA_GROUPS.fullmatch(text):
+        return "; if it is a decimal comma, set decimal = ','" if commas == 1 else ""
+    if commas > 1 or "." in text:
+        return "; write it without commas between the thousands"
+    return "; if it is a decimal comma, set decimal = ','; if it separates thousands, write the number without it"
 
 
 class UnknownColumn(CalibError):
@@ -86,9 +98,15 @@ class Sheet:
             at = int(np.argmax(bad))
             cell = cells[at]
             remedy = "; `first` and `last` of [record.table] take the rows between such cells"
-            if begin + at == 0 and real_number(cell) is None:
+            named = any(isinstance(name, str) for name in self.columns)
+            if begin + at == 0 and named and real_number(cell) is None:
                 remedy = "; if a row of units follows the names, set header = 2"
             where = f"line {self.lines[begin + at]}" if self.lines else f"sample {begin + at}"
             advice = comma_hint(cell) or remedy
+            if isinstance(cell, str) and real_number(cell) is not None and self.value(cell) is None:  # '1.234'
+                advice = (
+                    "; with decimal = ',' a point may separate thousands: write the numbers without it, or drop "
+                    "decimal where the point is the decimal one"
+                )
             raise CalibError(f"{self.path}, {where}: expected a number in column {column!r}, got {cell!r}{advice}")
         return values

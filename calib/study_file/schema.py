@@ -218,7 +218,7 @@ class TableTable(TomlTable):
     """Of delimited text, lines at the beginning that are not looked at, such as a title."""
     header: Annotated[int, Field(ge=0)] | None = None
     """Of delimited text, lines before the first row of numbers, of which the first names the columns: 2 where a row of
-    units follows the names; without it one where it holds anything but numbers."""
+    units follows the names; without it one where it holds anything but numbers, refused where it holds both."""
     names: list[str] | None = None
     """Of delimited text, names of all columns, in the place of the header's."""
     encoding: str | None = None

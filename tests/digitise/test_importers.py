@@ -129,6 +129,11 @@ def test_the_uncertainty_of_a_click_is_in_the_units_of_the_axes(samples):
         ("x;y\n1,5;2\n3;4\n", {"x": [1.5, 3], "y": [2, 4]}),
         ("x\ty\n1\t2\n3\t4\n", {"x": [1, 3], "y": [2, 4]}),
         ("# a = 1\n#\nx y\n1 2\n3 4\n", {"x": [1, 3], "y": [2, 4]}),
+        ("sep=;\nx;y\n1,5;2\n3;4\n", {"x": [1.5, 3], "y": [2, 4]}),
+        ("x;y\n0,5;1,234\n1,5;2,345\n", {"x": [0.5, 1.5], "y": [1.234, 2.345]}),  # no thousands: x has decimal commas
+        ("x\ty\n1,5\t2\n3\t4,25\n", {"x": [1.5, 3], "y": [2, 4.25]}),
+        ("x, mm;y\n1,5;2\n3;4\n", {"x, mm": [1.5, 3], "y": [2, 4]}),
+        ("x,y\n\u22121,2\n3,\u22124\n", {"x": [-1, 3], "y": [2, -4]}),
     ],
 )
 def test_a_plain_table_is_read(tmp_path, text, columns):
@@ -143,6 +148,22 @@ def test_a_plain_table_is_read(tmp_path, text, columns):
         ("t.csv", "x,y\n1,two\n", "line 2: expected a number in column 'y', got 'two'"),
         ("t.csv", "x,y\n1,2,3\n", "line 2: expected 2 cells, got 3"),
         ("t.csv", "x,x\n1,2\n", "two columns have one name"),
+        (
+            "t.csv",
+            "x;y\n1;1,234\n2;1,500\n",
+            "line 2: expected one decimal sign and nothing between the thousands, got '1,2",
+        ),
+        ("t.csv", "x;y\n0.5;1,234\n0.6;900\n", "line 2: expected one decimal sign"),
+        (
+            "t.csv",
+            "x;y\n1;999\n2;1,234.5\n",
+            "line 3: expected one decimal sign and nothing between the thousands, got '1,2",
+        ),
+        (
+            "t.csv",
+            "x;y\n0,5;1.234\n0,6;1.500\n",
+            "line 2: expected one decimal sign and nothing between the thousands, got '1.2",
+        ),
         ("t.csv", "", "holds no rows"),
         ("t.csv", "x,y\n1,2\n", "it has 1 point(s)"),
         ("t.json", "{", "not a readable JSON file"),

@@ -47,8 +47,30 @@ def test_without_a_direction_it_is_that_of_the_frequencies(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "header",
+    [
+        HEADER.title()
+        .replace("[Mn]", "[mN]")
+        .replace("[Mm]", "[mm]")
+        .replace("[Um]", "[um]")
+        .replace("[Deg]", "[deg]"),
+        HEADER.replace("[", "(").replace("]", ")"),
+        "sep=,\n" + HEADER,
+    ],
+)
+def test_headers_as_spreadsheets_have_them_are_read(tmp_path, header):
+    record, usual = read(written(tmp_path, header + ROWS)), read(written(tmp_path, HEADER + ROWS))
+    np.testing.assert_array_equal(complex_amplitude(record), complex_amplitude(usual))
+    np.testing.assert_array_equal(record.level, usual.level)
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
+        (
+            HEADER.replace("direction", "Level [N]") + ROWS.replace("up", "1"),
+            "two columns are 'level', one of them 'Le",
+        ),
         (HEADER + ROWS.replace("2, -90", "2, x"), "stepped.csv, line 2: expected a number in column 5, got 'x'"),
         (HEADER + ROWS.replace("up, 2", "on, 2"), "line 2: expected a direction 'up' or 'down', got 'on'"),
         (HEADER.replace("[mm]", "[kg]") + ROWS, "column 4"),

@@ -77,6 +77,120 @@ def test_text_is_read_as_its_layout_says(tmp_path, encoding):
     np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2], rtol=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        # the classic CSV of Tektronix: what was set stands beside the first samples
+        (
+            "Record Length,5,,-0.002,0.1\nSample Interval,0.001,,-0.001,0.2\nTrigger Point,2,,0,0.3\n,,,0.001,0.4\n",
+            "line 1: .* got both, 'Record Length' and '5'; state header = 0 where the row is a sample, header = 1 wh",
+        ),
+        ("0,OVER\n1,2\n2,3\n", "line 1: .* 'OVER' and '0'; state header = 0"),
+        ("0;#N/A\n1;2\n2;3\n", "line 1: .* '#N/A' and '0'; state header = 0"),
+        ("0,begins,1\n0.5,ends,3\n", "line 1: .* 'begins' and '0'; state header = 0"),
+        ("t,1,2\n0,1,2\n1,2,3\n", "line 1: .* 't' and '1'; .* header = 1 where it names the columns"),
+        ("0;1,5\n1;1,6\n", "line 1: .* '1,5' and '0'; if it is a decimal comma, set decimal = ','; else state header"),
+    ],
+)
+def test_a_first_row_of_names_and_numbers_is_refused_until_it_is_stated(tmp_path, text, says):
+    mistake(tmp_path / "scope.csv", says, text, [replace(X, column=1)])
+
+
+def test_a_first_row_that_is_stated_is_no_header_or_one(tmp_path):
+    path = tmp_path / "scope.csv"
+    path.write_text("Record Length,5,,-0.002,0.1\nSample Interval,0.001,,-0.001,0.2\nTrigger Point,2,,0,0.3\n")
+    record, _ = read(Table(path, [replace(X, column=5)], time=TimeColumn(4), text=TextLayout(header=0)))
+    np.testing.assert_allclose(record.displacement[0], [1e-4, 2e-4, 3e-4])
+    path.write_text("t,1\n0,3\n1,4\n")
+    record, _ = read(Table(path, [replace(X, column="1")], time=TimeColumn("t"), text=TextLayout(header=1)))
+    np.testing.assert_allclose(record.displacement[0], [3e-3, 4e-3])
+    mistake(path, "line 1: .* got 'OVER'; `first` and", "0,OVER\n1,2\n", [replace(X, column=2)], layout={"header": 0})
+
+
+def test_the_minus_sign_of_a_word_processor_is_read(tmp_path):
+    path = tmp_path / "minus.csv"
+    path.write_text("0,\u22121\n1,2\n2,\u22123e\u22121\n")
+    record, _ = read(Table(path, [replace(X, column=2)], time=TimeColumn(1)))
+    np.testing.assert_allclose(record.displacement[0], [-1e-3, 2e-3, -3e-4])
+
+
+@pytest.mark.parametrize(
+    ("text", "layout", "says"),
+    [
+        (
+            "0;1.234\n1;1.235\n",
+            {"decimal": ","},
+            "line 1: .* column 2, got '1.234'; with decimal = ',' a point may sep",
+        ),
+        ("t;x\n0;999,5\n1;1.000\n", {"decimal": ","}, "line 3: .* column 2, got '1.000'; with decimal = ','"),
+        ("0;1,5\n1;1.000,5\n", {"decimal": ","}, "line 2: .* got '1.000,5'; write it without points between the thous"),
+        (
+            "t;x\n0;1,234\n",
+            {},
+            "got '1,234'; if it is a decimal comma, .*; if it separates thousands, write the number",
+        ),
+        ("t;x\n0;1,234.5\n", {}, "got '1,234.5'; write it without commas between the thousands"),
+    ],
+)
+def test_a_number_whose_thousands_may_be_separated_is_refused(tmp_path, text, layout, says):
+    mistake(tmp_path / "counts.csv", says, text, [replace(X, column=2)], layout=layout)
+
+
+@pytest.mark.parametrize("layout", [{"decimal": ","}, {"separator": ","}])
+def test_one_column_with_a_decimal_comma_is_not_two_columns_of_integers(tmp_path, layout):
+    text = "1,5\n1,6\n1,7\n"
+    mistake(
+        tmp_path / "one.csv", "line 1: '1,5' may be .*; state decimal = ',' or separator", text, [replace(X, column=1)]
+    )
+    table = Table(tmp_path / "one.csv", [replace(X, column=1)], rate=1000.0, text=TextLayout(**layout))
+    expected = [1.5e-3, 1.6e-3, 1.7e-3] if "decimal" in layout else [1e-3] * 3
+    np.testing.assert_allclose(read(table)[0].displacement[0], expected)
+
+
+def test_integers_beside_a_rising_column_are_two_columns(tmp_path):
+    (tmp_path / "counts.csv").write_text("10,512\n11,498\n12,505\n")
+    record, _ = read(Table(tmp_path / "counts.csv", [replace(X, column=2)], time=TimeColumn(1, "ms")))
+    np.testing.assert_allclose(record.displacement[0], [0.512, 0.498, 0.505])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sep=;\nt;x\n0;1\n1;2\n",  # as Excel writes it
+        '"sep=|"\nt|x\n0|1\n1|2\n',
+        "# run 3\n#\n# t x\n0 1\n1 2\n",  # as numpy.savetxt writes it
+        "# t, x\n0,1\n1,2\n",
+        "# t x\n0,1\n1,2\n",
+        "% t x\n% s mm\n0 1\n1 2\n",
+        "t,x\n0,1,\n1,2,\n",
+        "t\tx\n0\t1\t\n1\t2\t\n",
+    ],
+)
+def test_what_programs_write_around_the_numbers_is_read(tmp_path, text):
+    path = tmp_path / "written.csv"
+    path.write_text(text)
+    record, _ = read(Table(path, [X], time=TimeColumn("t")))
+    np.testing.assert_allclose(record.time, [0.0, 1.0])
+    np.testing.assert_allclose(record.displacement[0], [1e-3, 2e-3])
+
+
+@pytest.mark.parametrize("comment", ["# by hand, 3 mm", "# 1 2", "# run", "# t x\n"])
+def test_a_comment_that_is_not_one_word_a_column_names_none(tmp_path, comment):
+    mistake(tmp_path / "bare.txt", "no header, only columns 1 to 2", f"{comment}\n0 1\n1 2\n", [X])
+
+
+def test_repeated_instants_of_too_few_digits_are_answered_with_the_rate(tmp_path):
+    """50 kHz in six digits: five samples have one time, and dropping four of them would make it 10 kHz."""
+    text = "".join(f"{10.0 + i / 50e3:.5e},{i}\n" for i in range(400))
+    options = {"channels": [replace(X, column=2)], "rate": None, "time": TimeColumn(1)}
+    mistake(
+        tmp_path / "digits.csv", 'state the sampling rate .*rate = "2 kHz" .*drop samples only that', text, **options
+    )
+    mistake(tmp_path / "digits.csv", 'time that increases .*rate = "2 kHz"', text, cutoff=900.0, **options)
+    gap = "0,1\n0.1,2\n0.1,3\n0.2,4\n9,4\n9.1,5\n"
+    mistake(tmp_path / "gap.csv", "sort the samples and drop repeated ones", gap, **options)
+
+
 def test_names_are_stated_for_text_without_a_header(tmp_path, headed):
     path = tmp_path / "bare.txt"
     path.write_text("% by hand\n0 1\n0.1 2\n")
@@ -210,10 +324,10 @@ def test_the_checksum_is_checked(headed):
         read(Table(headed, [X], rate=1.0, sha256="ab" * 32))
 
 
-def mistake(path, says, text=HEADED, channels=(X,), drive=None, **options):
-    path.write_text(text)
+def mistake(path, says, text=HEADED, channels=(X,), drive=None, layout=None, **options):
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(CalibError, match=says):
-        read(Table(path, list(channels), drive, **({"rate": 10.0} | options)))
+        read(Table(path, list(channels), drive, text=TextLayout(**layout or {}), **({"rate": 10.0} | options)))
 
 
 @pytest.mark.parametrize(

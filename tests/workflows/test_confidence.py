@@ -214,7 +214,7 @@ def test_a_damaged_file_of_profiles_is_named(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*ArviZ is undergoing a major refactor:FutureWarning")
+@pytest.mark.filterwarnings("ignore:\\s*ArviZ is undergoing a major refactor:FutureWarning")
 def test_the_posterior_distribution_is_sampled_and_goes_on_where_it_was_stopped(profiled, tmp_path, few_live_points):
     folder = tmp_path / "echo"
     shutil.copytree(profiled[0], folder)
@@ -308,7 +308,7 @@ def test_random_kills_of_a_posterior_end_in_the_same_samples(profiled, tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*ArviZ is undergoing a major refactor:FutureWarning")
+@pytest.mark.filterwarnings("ignore:\\s*ArviZ is undergoing a major refactor:FutureWarning")
 def test_a_posterior_distribution_alone_takes_no_profiles(calibrated, profiled, tmp_path, few_live_points):
     folder = tmp_path / "echo"
     shutil.copytree(calibrated, folder)
@@ -347,7 +347,7 @@ use = "holdout"
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*ArviZ is undergoing a major refactor:FutureWarning")
+@pytest.mark.filterwarnings("ignore:\\s*ArviZ is undergoing a major refactor:FutureWarning")
 @undrawn()
 def test_a_posterior_predicts_the_records_that_the_model_made(tmp_path, few_live_points, monkeypatch):
     monkeypatch.setattr(predictive, "PREDICTIVE_DRAWS", 40)

@@ -11,10 +11,15 @@ from calib.digitise.curve import Curve
 from calib.digitise.importers.content import content, text
 from calib.digitise.importers.imported import Imported
 from calib.errors import CalibError
+from calib.records.delimited import stated_separator
+from calib.records.sheet import COMMA_GROUPS, real_number
+from calib.units import MINUS
 
 MAX_CELLS = 5_000_000  # cells of a table
 DATE = re.compile(r"\d{1,4}[/-]\d{1,2}[/-]\d{1,4}|\d{1,2}:\d{2}")
 RELATION_MARK = "XXX"  # what Engauge writes before points that go on a relation
+DECIMAL_COMMA_SEPARATORS = ";\t"  # between cells that may have a decimal comma
+COMMA_NUMBER = re.compile(rf"[+{MINUS}-]?(\d+,\d*|,\d+)([eE][+{MINUS}-]?\d+)?")  # '1,5'; '1,234' may be 1234
 
 Row = tuple[int, list[str]]  # line number, cells
 
@@ -27,9 +32,12 @@ def read_table(path: Path) -> Imported:
 
     Raises
     ------
-    CalibError : no text, no rows, or a cell that is no number, with its line
+    CalibError : no text, no rows, a cell that is no number, or one whose comma may be decimal or separate thousands,
+        with its line
     """
     lines = text(path, content(path)).splitlines()
+    if lines and stated_separator(lines[0]):
+        lines[0] = ""
     header, body = _header(lines)
     blocks = _blocks(path, body)
     if not blocks:
@@ -74,9 +82,33 @@ def _blocks(path: Path, lines: Sequence[tuple[int, str]]) -> list[list[Row]]:
         if fresh:
             blocks.append([])
             fresh = False
-        cells = [cell.strip() for cell in cells]
-        blocks[-1].append((number, [c.replace(",", ".") for c in cells] if delimiter == ";" else cells))
-    return blocks
+        blocks[-1].append((number, [cell.strip() for cell in cells]))
+    return _with_points(path, blocks) if delimiter in DECIMAL_COMMA_SEPARATORS else blocks
+
+
+def _with_points(path: Path, blocks: Sequence[Sequence[Row]]) -> list[list[Row]]:
+    """Rows with decimal points for decimal commas.
+
+    Raises
+    ------
+    CalibError : commas or points that may separate thousands
+    """
+    numbers = [(n, c.removeprefix(RELATION_MARK)) for block in blocks for n, cells in block for c in cells if c]
+    groups = [(n, cell) for n, cell in numbers if COMMA_GROUPS.fullmatch(cell)]
+    commas = [(n, cell) for n, cell in numbers if COMMA_NUMBER.fullmatch(cell) and not COMMA_GROUPS.fullmatch(cell)]
+    points = [(n, cell) for n, cell in numbers if "." in cell and real_number(cell) is not None]
+    thousands = any("." in cell or cell.count(",") > 1 for _, cell in groups)
+    doubtful = groups if points or thousands or not commas else []
+    for number, cell in doubtful or (points if commas else []):
+        raise CalibError(
+            f"{path}, line {number}: expected one decimal sign and nothing between the thousands, got {cell[:40]!r}, "
+            "whose sign may be either; write the numbers with a decimal point, as in 1234.5"
+        )
+    return [[(number, [_with_point(cell) for cell in cells]) for number, cells in block] for block in blocks]
+
+
+def _with_point(cell: str) -> str:
+    return cell.replace(",", ".") if COMMA_NUMBER.fullmatch(cell.removeprefix(RELATION_MARK)) else cell
 
 
 def _delimiter(lines: Sequence[str]) -> str:
@@ -84,10 +116,8 @@ def _delimiter(lines: Sequence[str]) -> str:
 
 
 def _is_number(cell: str) -> bool:
-    try:
-        return bool(np.isfinite(float(cell)))
-    except ValueError:
-        return False
+    value = real_number(cell)
+    return value is not None and bool(np.isfinite(value))
 
 
 def _is_names(cells: Sequence[str]) -> bool:
@@ -107,9 +137,9 @@ def _cell(path: Path, number: int, name: str, cell: str) -> float:
     """Number of a cell, NaN where it is empty."""
     if not cell:
         return np.nan
-    plain = cell.removeprefix(RELATION_MARK)
-    if _is_number(plain):
-        return float(plain)
+    value = real_number(cell.removeprefix(RELATION_MARK))
+    if value is not None and np.isfinite(value):
+        return value
     hint = "; dates are not read: export that axis in seconds" if DATE.search(cell) else "; mend the cell"
     raise CalibError(f"{path}, line {number}: expected a number in column {name!r}, got {cell[:40]!r}{hint}")
 
