@@ -25,6 +25,7 @@ MAX_BACKWARDS = 0.01  # of the period, for which a curve may run against time wi
 MAX_ZERO_OFFSET = 0.01  # of the greatest speed: velocity at turning points without a warning
 MAX_SCALE_SIGMA = 0.01  # standard uncertainty of a scale above which a study solves for it
 MIN_SHARE_OF_PERIOD = 0.97  # that a diagram over time has to show
+COMPARED_INSTANTS = 32  # of the end of a diagram with what it shows some periods earlier
 TRIED_LOOP_STARTS = 400  # instants tried for the start of a loop within a diagram over time
 
 
@@ -84,7 +85,7 @@ def assembled(readings: Sequence[Reading], spec: FigureToml) -> tuple[xr.Dataset
             f"or make a record of each: --body {timeless[0]}"
         )
     if not loops:
-        record = _of_diagrams(given, period, spec.samples)
+        record = _of_diagrams(given, period, spec.samples, findings)
     else:
         record = _of_loops(given, loops, period, spec.samples, findings)
     attrs = {**excitation, **findings.attrs, "source": spec.source}
@@ -225,7 +226,7 @@ def _of_loops(
             own = {"displacement": (x, sigma_x), "velocity": (v, sigma_v)}
         for diagram in diagrams:
             channel = diagram.kind.partition(" ")[0]
-            folded = _folded(diagram, grid, cycles * period)
+            folded = _folded(diagram, grid, cycles * period, findings)
             own[channel] = _mean(own[channel], folded) if channel in own else folded
         rows[body] = own
     _nuisances(timed, findings)
@@ -290,7 +291,9 @@ def _errors(reading: Reading, time: np.ndarray, values: np.ndarray) -> np.ndarra
     return np.hypot(spread[:, 1], slope * late)
 
 
-def _of_diagrams(given: Mapping[str, Mapping[str, Reading]], period: float | None, samples: int) -> xr.Dataset:
+def _of_diagrams(
+    given: Mapping[str, Mapping[str, Reading]], period: float | None, samples: int, findings: Findings
+) -> xr.Dataset:
     """Record of diagrams over time alone: all whole periods that all of them show, or all of it without a period."""
     readings = [reading for kinds in given.values() for reading in kinds.values()]
     drawn = {id(r): _in_time(r) for r in readings}
@@ -312,15 +315,13 @@ def _of_diagrams(given: Mapping[str, Mapping[str, Reading]], period: float | Non
     rows: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
     for body, kinds in given.items():
         for reading in kinds.values():
-            time, values = drawn[id(reading)]
-            errors = _errors(reading, time, values)
-            row = np.interp(grid, time, values), np.interp(grid, time, errors)
+            row = _at(reading, grid, period, findings)
             rows.setdefault(body, {})[reading.kind.partition(" ")[0]] = row
     record = _made(grid - grid[0], rows)
     return record.assign_attrs(nuisance="trigger, offset" if period else "offset")
 
 
-def _folded(reading: Reading, grid: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+def _folded(reading: Reading, grid: np.ndarray, length: float, findings: Findings) -> tuple[np.ndarray, np.ndarray]:
     """Mean cycle of a diagram at instants within `length` [s], with its uncertainty."""
     time, values = _in_time(reading)
     if time[-1] - time[0] < MIN_SHARE_OF_PERIOD * length:
@@ -331,11 +332,65 @@ def _folded(reading: Reading, grid: np.ndarray, length: float) -> tuple[np.ndarr
     errors = _errors(reading, time, values)
     turns = np.arange(np.floor(time[0] / length) - 1, np.ceil(time[-1] / length) + 1)
     instants = grid[None] + length * turns[:, None]
-    tolerance = (1.0 - MIN_SHARE_OF_PERIOD) * length
-    inside = (instants >= time[0] - tolerance) & (instants <= time[-1] + tolerance)
+    inside = (instants >= time[0]) & (instants <= time[-1])
     counts = np.maximum(inside.sum(axis=0), 1)
-    mean = (np.interp(instants, time, values) * inside).sum(axis=0) / counts
-    return mean, (np.interp(instants, time, errors) * inside).sum(axis=0) / counts
+    mean, sigma = ((np.interp(instants, time, row) * inside).sum(axis=0) / counts for row in (values, errors))
+    missing = ~inside.any(axis=0)
+    if missing.any():
+        after = time[-1] + (grid[missing] - time[-1]) % length
+        mean[missing], sigma[missing] = _across(time, values, errors, after, length)
+        findings.notes.append(_note(reading, time[0] + length - time[-1], "a straight line to its beginning"))
+    return mean, sigma
+
+
+def _at(reading: Reading, grid: np.ndarray, period: float | None, findings: Findings) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n,) of a diagram at the instants of a grid [s], with their uncertainty.
+
+    What a diagram does not show of its last period is what it shows some periods earlier: so many as make both most
+    alike just before it ends. How unlike they are there is added to the uncertainty.
+    """
+    time, values = _in_time(reading)
+    errors = _errors(reading, time, values)
+    row, sigma = np.interp(grid, time, values), np.interp(grid, time, errors)
+    missing = grid > time[-1]
+    if period is None or not missing.any():
+        return row, sigma
+    late, lacking = grid[missing], float(grid[-1] - time[-1])
+    before = np.linspace(time[-1] - (1.0 - MIN_SHARE_OF_PERIOD) * period, time[-1], COMPARED_INSTANTS)
+    lags = period * np.arange(1, int((before[0] - time[0]) / period) + 1)
+    lags = lags[late[0] - lags >= time[0]]
+    if lags.size:
+        unlike = [np.interp(before, time, values) - np.interp(before - lag, time, values) for lag in lags]
+        sizes = np.sqrt(np.mean(np.square(unlike), axis=1))
+        best = int(np.argmin(sizes))
+        row[missing] = np.interp(late - lags[best], time, values)
+        sigma[missing] = np.hypot(np.interp(late - lags[best], time, errors), sizes[best])
+        findings.notes.append(_note(reading, lacking, f"what it shows {best + 1} period(s) earlier"))
+    else:
+        length = period * round((grid[-1] - grid[0]) / period)
+        row[missing], sigma[missing] = _across(time, values, errors, late, length)
+        findings.notes.append(_note(reading, lacking, "a straight line to its beginning"))
+    return row, sigma
+
+
+def _across(
+    time: np.ndarray, values: np.ndarray, errors: np.ndarray, late: np.ndarray, length: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and uncertainties (n,) at instants between the end of a diagram and its beginning, one `length` later.
+
+    On the straight line between both, uncertain as any value between both is.
+    """
+    ends = [time[-1], time[0] + length]
+    step = float(values[0] - values[-1])
+    row, sigma = (np.interp(late, ends, [drawn[-1], drawn[0]]) for drawn in (values, errors))
+    return row, np.hypot(sigma, step / np.sqrt(12.0))  # of a uniform distribution
+
+
+def _note(reading: Reading, lacking: float, instead: str) -> str:
+    return (
+        f"{reading.body}: {reading.kind} ends {shown(lacking, 's', 2)} before whole periods; {instead} is taken there, "
+        "with an uncertainty that is widened"
+    )
 
 
 def _mean(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -303,9 +303,10 @@ def _prepared(reference: Reference, terms: Sequence[Term]) -> PreparedReference 
 
 def _in_whole_loops(reference: Reference, period: int | None) -> Reference:
     """Return a reference whose request is for whole loops of its motion, which returns after `period` periods."""
-    loops = -(-reference.request.periods // (period or 1))
-    request = replace(reference.request, periods=loops * (period or 1))
-    return reference if request == reference.request else replace(reference, request=request)
+    asked, loop = reference.request.periods, period or 1
+    if asked % loop == 0:
+        return reference
+    return replace(reference, request=replace(reference.request, periods=-(-asked // loop) * loop))
 
 
 def _of(term: Term, references: Mapping[str, Reference]) -> Term:

@@ -7,12 +7,22 @@ import xarray as xr
 
 from calib.diagnosis.criteria import CRITERIA
 from calib.errors import CalibError
-from calib.records import STATE, channels, fills_periods, is_response, nuisance_sigma, stated_period
-from calib.records.cycles import impact, kind_of_motion, phase_curve
-from calib.records.decay import is_free_decay
+from calib.records import (
+    STATE,
+    channels,
+    fills_periods,
+    is_response,
+    mean_interval,
+    nuisance_sigma,
+    stated_period,
+)
+from calib.records.clipping import clipped_runs
+from calib.records.cycles import gaps_in, impact, kind_of_motion, phase_curve
+from calib.records.decay import is_free_decay, release
 from calib.records.excitation import UNITS
 from calib.records.repetition import other_frequency
 from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
+from calib.records.white_noise import shows_noise
 from calib.report.decay_description import decay_description
 from calib.units import shown
 
@@ -22,6 +32,7 @@ MAX_GAP = 3.0  # between the last and the first sample of a closed curve, over i
 MAX_GAP_OVER_JUMP = 1.5  # the same over its largest step  [1]
 USUAL_STEP_QUANTILE = 0.98  # of the steps of a curve, which leaves out its jumps  [1]
 STEADY_LEVEL = 0.02  # range of the level of a sweep over its largest, up to which it is told as one  [1]
+MIN_SAMPLES_PER_CLIPPED_PERIOD = 20.0  # of the excitation; of fewer, noise is not told from the motion itself
 MIN_CONTACT_SAMPLES = 4.0  # of an impact whose duration is resolved
 
 
@@ -51,7 +62,7 @@ def record_description(record: xr.Dataset) -> Iterator[str]:
         yield from _response(record)
         return
     time, period = record.time.values, stated_period(record)
-    step = (time[-1] - time[0]) / (time.size - 1)
+    step = float(np.median(np.diff(time))) if gaps_in(time).size else (time[-1] - time[0]) / (time.size - 1)
     yield f"{time.size} samples at intervals of {shown(step, 's')}, {shown(time[-1] - time[0] + step, 's')} in all"
     if period is not None:
         drive = [f"{record.attrs[k]}" for k in ("quantity", "place") if k in record.attrs]
@@ -175,11 +186,15 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
     for key in ("place", "quantity"):
         if key not in record.attrs and stated_period(record) is not None:
             yield f"the excitation is not fully stated (attribute {key!r} is missing); state it in the study"
+    yield from _gaps(record)
     if (doubt := doubtful_frequency(record)) is not None:
         yield doubt
     if stated_period(record) is not None and not fills_periods(record):
         yield "the record does not fill whole periods of the excitation; the rest of the last period is not compared"
     for body in (str(b) for b in record.body.values):
+        yield from _clipped_channels(record, body)
+        if is_free_decay(record):
+            yield from _late_release(record, body)
         if set(STATE) <= set(names):
             yield from _inconsistent_channels(record, body)
         if stated_period(record) is not None:
@@ -215,6 +230,56 @@ def doubtful_phase(record: xr.Dataset, name: str = "the record") -> str | None:
         f"{name}: the displacement of {place} leads the force on it, by which a structure would do work on its "
         "exciter; a lag is a negative phase, and the phase is the displacement's unless its column says of what else"
     )
+
+
+def _gaps(record: xr.Dataset) -> Iterator[str]:
+    """Name the longest interval in which samples are missing."""
+    time = record.time.values
+    gaps = gaps_in(time)
+    if gaps.size:
+        before, behind = gaps[np.argmax(np.diff(gaps, axis=1))]
+        usual = float(np.median(np.diff(time)))
+        yield (
+            f"samples are missing in {len(gaps)} interval(s) of time, the longest of {shown(behind - before, 's')} "
+            f"from {shown(before, 's')} on, where the usual interval is {shown(usual, 's')}: "
+            "nothing is compared there; check the recorder, or cut the record off before"
+        )
+
+
+def _clipped_channels(record: xr.Dataset, body: str) -> Iterator[str]:
+    """Name channels of which runs of samples equal the largest or the smallest value.
+
+    In a record of a driven motion the samples elsewhere have to show noise, lest a body that rests against a rigid stop
+    in a simulated or a coarsely rounded record is told.
+    """
+    period, decays = stated_period(record), is_free_decay(record)
+    if not decays and period is not None and period < MIN_SAMPLES_PER_CLIPPED_PERIOD * mean_interval(record):
+        return
+    for channel in channels(record):
+        values = record[channel].sel(body=body).values
+        runs = clipped_runs(values)
+        if runs.size and (decays or shows_noise(values)):
+            levels = sorted({float(values[first]) for first, _ in runs})
+            unit = record[channel].attrs.get("units", "1")
+            yield (
+                f"{channel} of {body}: {int(np.diff(runs).sum())} samples in {len(runs)} runs equal the extreme value "
+                f"of {' or '.join(shown(level, unit) for level in levels)}: a converter or an amplifier was at its "
+                "limit; " + ("the decay is analysed behind them" if decays else "record again in a wider range")
+            )
+
+
+def _late_release(record: xr.Dataset, body: str) -> Iterator[str]:
+    """Tell when a decay begins that is not released at the first sample."""
+    channel = next((c for c in STATE if c in channels(record)), None)
+    if channel is None:
+        return
+    time = record.time.values
+    first = release(time, record[channel].sel(body=body).values)
+    if first:
+        yield (
+            f"{body} is at rest until {shown(time[first], 's')}: its decay is analysed from there on, but simulations "
+            f"are released at the first sample; cut off the {first} samples before with `first` of [record.table]"
+        )
 
 
 def _inconsistent_channels(record: xr.Dataset, body: str) -> Iterator[str]:

@@ -111,6 +111,48 @@ def test_diagrams_over_time_alone_keep_the_periods_they_show(tmp_path):
     assert kind_of_motion(record).kind == "period-1"
 
 
+@pytest.mark.parametrize("periods", [0.975, 0.985, 1.975, 2.98])
+def test_a_diagram_that_ends_before_its_period_does_is_continued_by_the_motion(tmp_path, periods):
+    """Its last value held over 2.5 % of the period missed the motion by 14 % of the amplitude."""
+    rows = time_rows(periods=periods, start=0.007, jump=0.0)
+    found = digitise(*written(tmp_path, {("layer", "displacement over time"): rows}))
+    record = found.record.sel(body="layer")
+    truth = clapping(periods=3, samples=2000, trigger=0.007, jump=0.0).sel(body="layer")
+    off = np.abs(record.displacement.values - np.interp(record.time, truth.time, truth.displacement))
+    assert off.max() < 0.005 * 3e-3
+    assert (off < 4.0 * record.displacement_sigma).all()
+    [note] = [note for note in found.findings.notes if "before whole periods" in note]
+    assert f"{'1 period(s) earlier' if periods > 1.0 else 'a straight line'}" in note
+
+
+def test_a_period_2_motion_is_continued_by_what_it_was_two_periods_earlier(tmp_path):
+    motion = {"jump": 0.0, "subharmonic": 0.3}
+    rows = time_rows(periods=3.975, **motion)
+    found = digitise(*written(tmp_path, {("layer", "displacement over time"): rows}))
+    truth = clapping(periods=4, samples=2000, **motion).displacement.sel(body="layer")
+    off = np.abs(found.record.displacement.values[0] - np.interp(found.record.time, truth.time, truth))
+    assert off.max() < 0.005 * 3e-3
+    assert any("2 period(s) earlier" in note for note in found.findings.notes)
+
+
+@pytest.mark.parametrize("periods", [1.0, 2.3])
+def test_a_diagram_that_shows_whole_periods_is_not_continued(tmp_path, periods):
+    found = digitise(*written(tmp_path, {("layer", "displacement over time"): time_rows(periods=periods)}))
+    assert not [note for note in found.findings.notes if "before whole periods" in note]
+
+
+def test_a_diagram_beside_a_phase_curve_may_end_early(tmp_path):
+    start = 0.013
+    curves = {
+        ("layer", "phase curve"): loop_rows(jump=0.0),
+        ("layer", "displacement over time"): time_rows(start=start, periods=0.975, jump=0.0),
+    }
+    found = digitise(*written(tmp_path, curves))
+    expected = clapping(periods=1, samples=400, trigger=start, jump=0.0).displacement.sel(body="layer").values
+    assert np.abs(found.record.displacement.values[0] - expected).max() < 0.01 * 3e-3
+    assert any("a straight line" in note for note in found.findings.notes)
+
+
 @pytest.mark.parametrize(
     ("drive", "rows", "said"),
     [

@@ -1,9 +1,13 @@
 """What a record holds, in sentences."""
 
 import numpy as np
+import pytest
+from decays import linear, noisy
+from decays import record as decay_record
 
+from calib.records import make
 from calib.records.response import make_response
-from calib.report.record_description import record_description
+from calib.report.record_description import record_description, record_warnings
 
 
 def test_a_level_that_follows_the_frequency_is_told_by_its_range():
@@ -20,3 +24,53 @@ def test_a_response_that_does_not_state_its_excitation_is_said_not_to():
     assert next(record_description(record)) == described.format("an excitation that is not stated")
     stated = record.assign_attrs(place="mass", quantity="force")
     assert next(record_description(stated)) == described.format("force at the mass")
+
+
+def driven(values, time, **channels):
+    """Record of one mass driven at 10 Hz."""
+    stated = {"frequency": 10.0, "place": "mass", "quantity": "force"}
+    return make(time, ["mass"], {"displacement": values[None], "displacement_sigma": np.array([1e-3])}, **stated)
+
+
+def loop(time):
+    return np.cos(20.0 * np.pi * time) + 0.3 * np.cos(40.0 * np.pi * time + 0.5)
+
+
+def test_a_gap_in_time_is_said():
+    time = np.arange(0.0, 3.0, 0.001)
+    time = time[(time < 0.9995) | (time > 1.2495)]
+    record = driven(noisy(loop(time), 0.002, 1), time)
+    assert next(record_description(record)).startswith("2750 samples at intervals of 1 ms, 3 s in all")
+    [line] = [line for line in record_warnings(record) if "missing" in line]
+    assert line.startswith("samples are missing in 1 interval(s) of time, the longest of 251 ms from 999 ms on")
+
+
+def test_instants_that_are_irregular_altogether_are_no_gaps():
+    time = np.cumsum(np.random.default_rng(2).exponential(0.001, 3000))
+    assert not [line for line in record_warnings(driven(loop(time), time)) if "missing" in line]
+
+
+@pytest.mark.parametrize("decays", [True, False])
+def test_samples_at_the_limit_of_a_converter_are_said(decays):
+    time = np.arange(0.0, 3.0, 0.001)
+    values = np.clip(noisy(linear(time, 20.0, 0.01) if decays else loop(time), 0.003, 3), -0.7, 0.7)
+    record = decay_record(time, values) if decays else driven(values, time)
+    [line] = [line for line in record_warnings(record) if "limit" in line]
+    assert "runs equal the extreme value of -700 mm or 700 mm" in line
+
+
+@pytest.mark.parametrize(("noise", "step"), [(0.0, 0.0), (0.001, 0.0), (0.001, 0.01), (0.0, 0.01), (0.01, 0.003)])
+def test_a_body_that_rests_against_a_stop_is_not_said_to_be_clipped(noise, step):
+    time = np.arange(0.0, 3.0, 0.001)
+    values = noisy(np.minimum(loop(time), 0.5), noise, 4)
+    record = driven(step * np.round(values / step) if step else values, time)
+    assert not [line for line in record_warnings(record) if "limit" in line]
+
+
+def test_a_decay_that_is_released_late_is_said_with_the_rows_to_leave_out():
+    time = np.arange(0.0, 3.0, 0.001)
+    values = np.where(time < 0.5, 1.0, linear(np.maximum(time - 0.5, 0.0), 20.0, 0.01))
+    [line] = [line for line in record_warnings(decay_record(time, noisy(values, 0.003, 5))) if "at rest" in line]
+    assert line.startswith("mass is at rest until 50")
+    assert "with `first` of [record.table]" in line
+    assert not [line for line in record_warnings(decay_record(time, linear(time, 20.0, 0.01))) if "at rest" in line]

@@ -6,7 +6,7 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from calib.errors import CalibError
 
@@ -19,6 +19,8 @@ MAX_PICTURE_PIXELS = 20_000_000
 def read_picture(path: str | Path) -> np.ndarray:
     """Read a picture: red, green and blue (row, column, 3) in [0, 1]; what is transparent is white.
 
+    A camera that was turned says so in the file (EXIF): rows and columns are those that a viewer shows.
+
     Raises
     ------
     CalibError : no such file, no picture of a known kind, damaged, or too large
@@ -30,10 +32,11 @@ def read_picture(path: str | Path) -> np.ndarray:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # Pillow warns of what it cannot make out
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the bound below is smaller
-            with Image.open(path, formats=FORMATS) as picture:
-                columns, rows = picture.size
+            with Image.open(path, formats=FORMATS) as stored:
+                columns, rows = stored.size
                 if columns * rows > MAX_PICTURE_PIXELS:
                     raise CalibError(_too_large(path, f"{columns} x {rows} pixels"))
+                picture = ImageOps.exif_transpose(stored)
                 if picture.mode.startswith("I") or picture.mode == "F":
                     grey = np.asarray(picture, dtype=float)
                     return np.repeat((grey / max(float(grey.max()), 1.0))[:, :, None], 3, axis=2)

@@ -1,6 +1,7 @@
 """A record cut by the period of its excitation."""
 
 from calib.records.cycles.clock import clock_rate
+from calib.records.cycles.gaps import gaps_in
 from calib.records.cycles.impacts import impact, impacts_per_period
 from calib.records.cycles.loop import averaged_at_impacts, cut, harmonics, period_of, rows, sampled
 from calib.records.cycles.mean_cycle import MeanCycle, loop_sigma, mean_cycle, phase_curve
@@ -28,6 +29,7 @@ __all__ = [
     "averaged_at_impacts",
     "clock_rate",
     "cut",
+    "gaps_in",
     "harmonics",
     "impact",
     "impacts_per_period",

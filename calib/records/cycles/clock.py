@@ -8,7 +8,8 @@ from calib.records.cycles.loop import cycles_in, period_of, sampled
 from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.records.record import channels
 
-MIN_RATE_CYCLES = 10  # for a rate; over fewer even a rate of 1e-3 shifts no cycle by more than a hundredth of it
+MIN_RATE_CYCLES = 10  # with samples, for a rate; over fewer even one of 1e-3 shifts none by more than a hundredth of it
+MIN_CYCLE_CURVATURE = 0.5  # of the sum of squared slopes of a cycle over the median one, for a cycle that counts  [1]
 TAIL_PROBABILITY = 1e-4  # of Student's t, two-sided: of a rate where the clocks agree, and of its change  [1]
 MAX_RATE_STEPS = 20  # of the search for the rate, by the method of Gauss and Newton
 
@@ -46,13 +47,15 @@ def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
         if (1.0 + rate) * (time[-1] - time[0]) < (number - 1) * period * periods:
             return 0.0  # a clock that loses a whole cycle: the motion has another period than the drive
         centre, shift = _shifts((1.0 + rate) * time, rows, period, periods, number)
+        if centre.size < MIN_RATE_CYCLES:
+            return 0.0
         line = stats.linregress(centre, shift)
         if abs(line.slope) <= 0.1 * line.stderr or abs(line.slope * time[-1]) <= 1e-6 * period:
             break
         rate += line.slope * (1.0 + rate)
     else:
         return 0.0
-    limit = stats.t.isf(0.5 * TAIL_PROBABILITY, number - 3)
+    limit = stats.t.isf(0.5 * TAIL_PROBABILITY, centre.size - 3)
     in_step = abs(rate) * (time[-1] - time[0]) <= IN_STEP_TOLERANCE * period / samples
     if in_step or abs(rate) <= limit * line.stderr or _bends(centre, shift, limit):
         return 0.0
@@ -62,14 +65,18 @@ def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
 def _shifts(
     time: np.ndarray, rows: np.ndarray, period: float, periods: int, number: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Middle (cycle,) of each whole cycle, and by how much later than the mean cycle the clock should have it  [s]."""
+    """Middle (cycle,) of each whole cycle, and by how much later than the mean cycle the clock should have it  [s].
+
+    Cycles that a gap in time leaves with few samples have no shift, or one of another variance: they are left out.
+    """
     mean = mean_cycle(time, rows, period, periods)
     slope = np.gradient(rows - mean.residual, time, axis=1)
     precision = 1.0 / np.maximum(np.mean(mean.residual**2, axis=1), 1e-300)
     cycle = ((time - time[0]) / (period * periods)).astype(int)
-    moment = np.bincount(cycle, precision @ (slope * mean.residual))[:number]
-    curvature = np.bincount(cycle, precision @ slope**2)[:number]
-    return time[0] + (np.arange(number) + 0.5) * period * periods, moment / curvature
+    moment = np.bincount(cycle, precision @ (slope * mean.residual), number)[:number]
+    curvature = np.bincount(cycle, precision @ slope**2, number)[:number]
+    whole = np.flatnonzero(curvature > MIN_CYCLE_CURVATURE * np.median(curvature))
+    return time[0] + (whole + 0.5) * period * periods, moment[whole] / curvature[whole]
 
 
 def _bends(centre: np.ndarray, shift: np.ndarray, limit: float) -> bool:

@@ -1,12 +1,13 @@
 """The kind of a motion: after how many periods of the excitation it returns."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
+from calib.records.cycles.bad_samples import without_bad_samples
 from calib.records.cycles.impacts import MAD_PER_STD, impacts_per_period
 from calib.records.cycles.loop import cut, cycles_in, period_of, sampled, samples_in_step
 from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
@@ -57,11 +58,11 @@ def kind_of_motion(record: xr.Dataset) -> MotionKind:
     apart, over the later half of the section, as a share of the channel's amplitude, against `CYCLE_RETURN_TOLERANCE`.
     A difference that shrinks steadily, or halves from the first to the last third, belongs to a motion that still
     settles: undecided. Without a section the cycles of the record are compared with its noise (its sigma, otherwise
-    estimated from the second differences of its samples): that distinguishes a returning motion from one that does not
-    return, but a short record is never called irregular. A shorter return counts where cycles differ from it at jumps
-    of the velocity alone. Where this leaves it undecided, a section of fewer than 64 periods may show a return, or that
-    the motion still settles. A record that was read from a closed curve states after how many periods it returns
-    (attribute `returns_after`), and a simulated one which motions coexist with its own (attribute `beside`).
+    estimated from second differences of what its mean cycle leaves): that distinguishes a returning motion from one
+    that does not return, but a short record is never called irregular. A shorter return counts where cycles differ from
+    it at jumps of the velocity alone. Where this leaves it undecided, a section of fewer than 64 periods may show a
+    return, or that the motion still settles. A record that was read from a closed curve states after how many periods
+    it returns (attribute `returns_after`), and a simulated one which motions coexist with its own (attribute `beside`).
 
     To distinguish chaotic motion from quasi-periodic motion or one of a long period takes the simulator's own map; see
     `calib.dynamics.motion`.
@@ -180,10 +181,22 @@ def _from_cycles(record: xr.Dataset) -> MotionKind:
     count = cycles.shape[1]
     if count < 2:
         return MotionKind(UNDECIDED, None, "one cycle of the record cannot show whether it returns")
+    motion = _compared(cycles, noise, _states_noise(record))
+    if motion.period is None and (mended := without_bad_samples(cycles, noise)) is not None:
+        again = _compared(mended.cycles, noise, _states_noise(record))
+        if again.period is not None:
+            left_out = f"; {mended.samples} samples in {mended.stretches} stretch(es) are left out as bad"
+            return replace(again, evidence=again.evidence + left_out)
+    return motion
+
+
+def _compared(cycles: np.ndarray, noise: np.ndarray, stated: np.ndarray) -> MotionKind:
+    """Kind by the differences of cycles (row, cycle, phase), against noise (row,) that the record states or not."""
+    count = cycles.shape[1]
     differences = [cycles[:, lag:] - cycles[:, :-lag] for lag in range(1, min(MAX_PERIOD, count // 2) + 1)]
     spreads = np.array([np.sqrt((difference**2).mean(axis=(1, 2))) for difference in differences])
     if count >= MIN_CYCLES_OF_MEAN:
-        noise = np.where(_states_noise(record), noise, _least_deviation(spreads / np.sqrt(2.0), noise))
+        noise = np.where(stated, noise, _least_deviation(spreads / np.sqrt(2.0), noise))
     recurrence = spreads.max(axis=1).tolist()
     limit = np.sqrt(2.0) * MAX_NOISE_RATIO * noise
     for lag, spread in enumerate(spreads, 1):
@@ -296,15 +309,26 @@ def _state_channels(record: xr.Dataset) -> list[str]:
 
 
 def _noise(record: xr.Dataset, channel: str, values: np.ndarray) -> np.ndarray:
-    """Standard deviation (row,) of the noise of a channel, that of the steps of its converter at least."""
+    """Standard deviation (row,) of the noise of a channel, that of the steps of its converter at least.
+
+    That which the record states, or else that of white noise by second differences: of the samples, or of what their
+    mean cycle leaves, of which the motion itself has no part.
+    """
     name = f"{channel}_sigma"
     if name in record.variables:
         sigma = record.variables[name].values
         sigma = sigma if sigma.ndim == 1 else np.sqrt((sigma**2).mean(axis=1))
     else:
-        bend = np.abs(np.diff(values, 2, axis=1))
-        sigma = np.median(bend, axis=1) / (MAD_PER_STD * np.sqrt(6.0))  # white: var of a second difference, 6 sigma^2
+        mean = mean_cycle(record.variables["time"].values, values, period_of(record), refined=False)
+        free = np.sqrt(max(0.1, 1.0 - mean.parameters / values.shape[1]))
+        sigma = np.minimum(_white(values), _white(mean.residual) / free)
     return np.maximum(sigma, _steps(values) / np.sqrt(12.0))
+
+
+def _white(values: np.ndarray) -> np.ndarray:
+    """Standard deviation (row,) of the white noise of rows (row, n), by the median of their second differences."""
+    bend = np.abs(np.diff(values, 2, axis=1))
+    return np.median(bend, axis=1) / (MAD_PER_STD * np.sqrt(6.0))  # white: var of a second difference, 6 sigma^2
 
 
 def _states_noise(record: xr.Dataset) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
+from calib.records.cycles.gaps import gaps_in
 from calib.records.cycles.loop import period_of
 from calib.records.record import STATE
 
@@ -11,7 +12,8 @@ from calib.records.record import STATE
 def poincare(record: xr.Dataset, phase: float = 0.0) -> xr.Dataset:
     """State of each body once per period of the excitation.
 
-    At phase 0 the record's own section is taken where it has one: it is longer than the record.
+    At phase 0 the record's own section is taken where it has one: it is longer than the record. Instants inside a gap
+    in time are left out.
 
     Parameters
     ----------
@@ -32,6 +34,10 @@ def poincare(record: xr.Dataset, phase: float = 0.0) -> xr.Dataset:
         if last < first:
             raise CalibError(f"the record never passes phase {phase} of its period of {period:.6g} s; record more")
         at = (np.arange(first, last + 1) + phase) * period
+        for before, behind in gaps_in(time):
+            at = at[(at <= before) | (at >= behind)]
+        if not at.size:
+            raise CalibError(f"the record passes phase {phase} of its period in gaps alone; record without gaps")
         present = [channel for channel in STATE if channel in record]
         own = {c: np.array([np.interp(at, time, row) for row in record[c].values]) for c in present}
     return xr.Dataset(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import CalibError
+from calib.records.clipping import clipped_runs
 from calib.records.decay.analytic_signal import MIN_DECAY_PERIODS, AnalyticSignal, analytic_signal
 from calib.records.decay.oscillation import (
     MAX_OSCILLATION_STEPS,
@@ -15,6 +16,7 @@ from calib.records.decay.oscillation import (
     SplineBasis,
     fitted,
 )
+from calib.records.decay.release import release
 from calib.records.decay.residual import in_period_noise, noise_std, other_mode, outlying
 
 MIN_SIGNAL_TO_NOISE = 5.0  # amplitude over its standard error from one period, below which a decay is left out  [1]
@@ -95,6 +97,7 @@ class SmoothedDecay:
     noise : standard deviation of white noise of a sample as strong as the record's about the motion's frequency  [unit]
     dominant : frequency of the largest line  [Hz]
     floor : amplitude below which the record is left out  [unit]
+    start : instant before which the record is left out, None where it begins with the decay  [s]
     cut : instant from which on it is left out, None where all of it is analysed  [s]
     time, values : (n,) samples that are fitted  [s], [unit]
     """
@@ -106,6 +109,7 @@ class SmoothedDecay:
     noise: float
     dominant: float
     floor: float
+    start: float | None
     cut: float | None
     time: np.ndarray
     values: np.ndarray
@@ -123,22 +127,23 @@ class SmoothedDecay:
 
     @property
     def facts(self) -> dict[str, str | float]:
-        """Noise of a sample, floor and end of the range, and the other modes, as attributes of a Dataset."""
+        """Noise of a sample, floor and ends of the range, and the other modes, as attributes of a Dataset."""
         others = ", ".join(f"{frequency:.4g}" for frequency in self.frame.companions)
-        end = {} if self.cut is None else {"cut": self.cut}
+        ends = {name: at for name, at in (("start", self.start), ("cut", self.cut)) if at is not None}
         return {
             "noise": self.noise,
             "floor": float(self.floor),
             "other_modes": others,
             "outliers": self.outliers.size,
-            **end,
+            **ends,
         }
 
 
 def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = None) -> SmoothedDecay:
     """Smooth a free decay: log amplitude and phase as splines, whose number the record decides.
 
-    The range ends where the amplitude is no longer 5 times its standard error from a single period. The number of
+    The range begins at the release, or behind the last sample at the limit of a converter, and ends where the amplitude
+    is no longer 5 times its standard error from a single period. The number of
     splines is the next above the one that minimises the corrected Akaike criterion of the residual, demodulated period
     by period, so that only noise about the motion's own frequency counts. At the minimum the bias is as large as the
     noise, and no uncertainty could be stated (undersmoothing). The breaks are denser where the amplitude falls fast.
@@ -155,6 +160,8 @@ def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = N
     Source: Hurvich, Tsai, Biometrika 76 (1989) 297 (criterion); Hall, Annals of Statistics 20 (1992) 675
     (undersmoothing); Burnham, Anderson, Model Selection and Multimodel Inference (2002) 4.3 (weights).
     """
+    first = first_free(time, values)
+    time, values = time[first:], values[first:]
     tone = analytic_signal(time, values)
     per_period = (time.size - 1) / ((time[-1] - time[0]) * tone.dominant)
     largest = float(tone.envelope.max())
@@ -184,10 +191,18 @@ def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = N
         noise=noise,
         dominant=tone.dominant,
         floor=floor,
+        start=float(time[0]) if first else None,
         cut=last if last < tone.time[-1] - 0.5 / tone.dominant else None,
         time=one.time[one.used],
         values=values[np.isin(time, one.time[one.used])],
     )
+
+
+def first_free(time: np.ndarray, values: np.ndarray) -> int:
+    """Index of the first sample (n,) from which on the motion is free, and none at the limit of a converter."""
+    first = release(time, values)
+    clipped = clipped_runs(values[first:])
+    return first + int(clipped[-1, 1]) if clipped.size else first
 
 
 def _end(tone: AnalyticSignal, floor: float) -> int:

@@ -57,6 +57,22 @@ def test_noise_alone_is_no_rate(cycles, per_cycle, memory):
     assert found.count(0.0) >= 19
 
 
+@pytest.mark.parametrize("rate", [0.0, 1e-4])
+@pytest.mark.parametrize("periods", [0.5, 1.3, 6.5])
+def test_a_gap_in_time_hinders_no_rate(rate, periods):
+    """A recorder that stops for some cycles: they have no phase, and the others are not moved."""
+    whole = record(rate, 80.0, 100.0, 0.002)
+    begin = 20.2 / FREQUENCY
+    kept = whole.isel(time=(whole.time.values < begin) | (whole.time.values > begin + periods / FREQUENCY))
+    assert clock_rate(kept) == pytest.approx(rate, rel=0.1)
+
+
+def test_too_few_cycles_beside_a_gap_tell_no_rate():
+    whole = record(1e-3, 30.0, 50.0)
+    time = FREQUENCY * whole.time.values
+    assert clock_rate(whole.isel(time=(time < 4.0) | (time > 26.0))) == 0.0
+
+
 @pytest.mark.parametrize("cycles", [9.9, 2.5])
 def test_few_cycles_tell_no_rate(cycles):
     assert clock_rate(record(5e-5, cycles, 200.0, 1e-4), periods=1) == 0.0

@@ -11,6 +11,7 @@ from calib.errors import CalibError
 from calib.records import make, read
 from calib.records.cycles import (
     averaged_at_impacts,
+    gaps_in,
     harmonics,
     impact,
     impacts_per_period,
@@ -114,6 +115,34 @@ def test_the_section_of_a_period_1_motion_is_one_point():
 
 def test_the_section_that_a_record_brings_is_preferred():
     assert poincare(clapping(section=64)).sizes["cycle"] == 64
+
+
+@pytest.mark.parametrize("lost", [0.3, 0.6, 2.4])
+def test_the_section_has_no_point_inside_a_gap_in_time(lost):
+    """A straight line across a gap of half a period misses the motion by its amplitude."""
+    whole = clapping(contacts=False)
+    turns = whole.time.values / PERIOD
+    record = whole.isel(time=(turns < 1.9) | (turns > 1.9 + lost))
+    section = poincare(record)
+    missing = int(1.9 + lost) - 1
+    assert section.sizes["cycle"] == 6 - missing
+    np.testing.assert_allclose(section.displacement, poincare(whole).displacement[:, missing:], atol=1e-9)
+
+
+def test_a_section_that_lies_in_gaps_alone_is_refused():
+    whole = clapping(contacts=False)
+    turns = whole.time.values / PERIOD
+    gaps = whole.isel(time=np.abs((turns + 0.5) % 1.0 - 0.5) > 0.1)
+    with pytest.raises(CalibError, match="in gaps alone"):
+        poincare(gaps)
+
+
+def test_a_clock_that_jitters_has_no_gaps():
+    rng = np.random.default_rng(1)
+    assert gaps_in(np.cumsum(rng.uniform(0.6, 1.4, 500))).size == 0
+    assert gaps_in(np.cumsum(rng.exponential(1.0, 500))).size == 0
+    time = np.arange(500.0)
+    np.testing.assert_array_equal(gaps_in(np.delete(time, [50, 200, 201])), [[49.0, 51.0], [199.0, 202.0]])
 
 
 def test_a_phase_is_a_share_of_the_period():
@@ -292,6 +321,61 @@ def test_a_short_record_is_never_called_irregular():
 def test_a_motion_is_the_same_in_any_unit_of_length(factor):
     motion = kind_of_motion(clapping(size=factor, section=64, subharmonic=0.1))
     assert (motion.kind, motion.period, motion.impacts) == ("period-2", 2, 1.0)
+
+
+def harmonic(periods, samples, subharmonic=0.0, seed=0):
+    """Two harmonics and a subharmonic of the drive with noise of 0.2 %, without a stated uncertainty."""
+    time = np.arange(periods * samples) * PERIOD / samples
+    turns = 2.0 * np.pi * FREQUENCY * time
+    values = np.cos(turns) + 0.3 * np.cos(2.0 * turns + 0.5) + subharmonic * np.cos(0.5 * turns + 0.2)
+    return time, values + 0.002 * np.random.default_rng(seed).standard_normal(time.size)
+
+
+def kind_of(time, values):
+    return kind_of_motion(make(time, ["mass"], {"displacement": values[None]}, frequency=FREQUENCY))
+
+
+@pytest.mark.parametrize("samples", [12, 20, 100])
+@pytest.mark.parametrize("periods", [2, 3, 5])
+def test_the_bend_of_coarsely_sampled_motion_is_no_noise(samples, periods):
+    """At 20 samples a period second differences of the motion itself are 4 % of its amplitude."""
+    for seed in range(5):
+        assert kind_of(*harmonic(periods, samples, 0.0, seed)).kind == "period-1"
+        assert kind_of(*harmonic(periods, samples, 0.05, seed)).kind == ("undecided" if periods < 4 else "period-2")
+
+
+@pytest.mark.parametrize("subharmonic", [0.0, 0.15])
+@pytest.mark.parametrize("spoil", ["spike", "drop-out", "both"])
+def test_bad_samples_do_not_make_a_motion_irregular(subharmonic, spoil):
+    time, values = harmonic(80, 100, subharmonic)
+    plain = kind_of(time, values)
+    if spoil != "drop-out":
+        values[3333] += 3.0
+    if spoil != "spike":
+        values[5100:5110] = 0.0
+    motion = kind_of(time, values)
+    assert motion.kind == plain.kind == ("period-2" if subharmonic else "period-1")
+    count, stretches = {"spike": (1, 1), "drop-out": (10, 1), "both": (11, 2)}[spoil]
+    assert f"{count} samples in {stretches} stretch(es) are left out as bad" in motion.evidence
+    assert "left out" not in plain.evidence
+
+
+@pytest.mark.parametrize("frequency", [5.0, 33.0, 70.0])  # Hz
+@pytest.mark.parametrize("lasting", [3.0, 10.0])  # cycles
+def test_a_motion_that_is_thrown_off_its_orbit_for_cycles_stays_irregular(frequency, lasting):
+    time, values = harmonic(80, 100)
+    since = time - 40.3 * PERIOD
+    thrown = 0.8 * np.exp(-since / (lasting * PERIOD)) * np.cos(2.0 * np.pi * frequency * since)
+    assert kind_of(time, values + np.where(since > 0.0, thrown, 0.0)).kind == "irregular"
+
+
+@pytest.mark.parametrize("rate", [3.8275, 3.8284, 3.9])
+def test_chaotic_and_intermittent_motion_stay_irregular(rate):
+    """The logistic map below its window of period 3: long stretches that return, and bursts."""
+    factor, (time, values) = [0.5], harmonic(80, 100)
+    for _ in range(300):
+        factor.append(rate * factor[-1] * (1.0 - factor[-1]))
+    assert kind_of(time, values * np.repeat(1.0 + 0.2 * np.array(factor[-80:]), 100)).kind == "irregular"
 
 
 @pytest.mark.parametrize("folder", ["clapping_minimal", "clapping_beam"])

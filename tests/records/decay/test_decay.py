@@ -5,7 +5,15 @@ import pytest
 from decays import bouncing, integrated, linear, noisy, record, rubbing
 
 from calib.errors import CalibError
-from calib.records.decay import amplitude_curves, analytic_curves, crossing_curves, smoothed_decay, smoothed_record
+from calib.records.clipping import clipped_runs
+from calib.records.decay import (
+    amplitude_curves,
+    analytic_curves,
+    crossing_curves,
+    release,
+    smoothed_decay,
+    smoothed_record,
+)
 
 TIME = np.arange(0.0, 40.0, 0.021)  # s: 31.7 samples a period of 1.5 Hz
 OMEGA = 2.0 * np.pi * 1.5  # rad/s
@@ -159,6 +167,71 @@ def test_velocity_has_the_frequency_and_damping_of_displacement():
     assert both[1].amplitude.values[0] == pytest.approx(OMEGA * both[0].amplitude.values[0], rel=0.05)
     for curves in both:
         assert within(curves, "frequency", lambda a: 1.5 + 0.0 * a)
+
+
+def before_release(rest, held, noise, seed):
+    """A decay of 20 Hz and 1 % behind a rest of so many seconds: held at its amplitude, or at 0 before a blow."""
+    time = np.arange(0.0, 1.5, 0.002)
+    since = np.maximum(time - rest, 0.0)
+    values = np.where(time < rest, 1.0 if held else 0.0, linear(since, 20.0, 0.01, 0.0 if held else -0.5 * np.pi))
+    return time, noisy(values, noise, seed)
+
+
+@pytest.mark.parametrize("rest", [0.01, 0.03, 0.05, 0.4])
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("noise", [0.0003, 0.003])
+def test_the_rest_before_the_release_is_left_out(rest, held, noise):
+    """A fifth of a period of it, seen as motion, put the frequency 8 standard uncertainties off."""
+    decay = smoothed_decay(*before_release(rest, held, noise, 14))
+    assert decay.start == pytest.approx(rest, abs=0.006)
+    assert decay.frame.companions == ()
+    curves = amplitude_curves(decay)
+    assert curves.attrs["start"] == decay.start
+    assert within(curves, "frequency", lambda a: 20.0 + 0.0 * a)
+    assert within(curves, "damping_ratio", lambda a: 0.01 + 0.0 * a)
+
+
+def test_a_hand_that_pulls_before_the_release_is_left_out():
+    time = np.arange(0.0, 2.0, 0.002)
+    pulled = np.minimum(time / 0.4, 1.0) + 0.02 * np.sin(2.0 * np.pi * 3.0 * time)
+    values = np.where(time < 0.5, pulled, linear(np.maximum(time - 0.5, 0.0), 20.0, 0.01))
+    assert smoothed_decay(time, noisy(values, 0.003, 15)).start == pytest.approx(0.5, abs=0.012)
+
+
+@pytest.mark.parametrize("phase", np.linspace(0.0, 6.0, 7))
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_free_motion_has_no_rest_whatever_its_waves(phase, noise):
+    tall = 1.0 - 0.9 * np.cos(phase)
+    waves = [
+        linear(TIME, 1.5, 0.03, phase),
+        linear(TIME, 1.5, 0.01, phase) - linear(TIME, 4.5, 0.01, 3.0 * phase) / 9.0,  # flat crests
+        bouncing(TIME + phase / 20.0, 1.5, 0.95),
+        rubbing(TIME, 1.5, 0.004),
+        integrated(TIME, lambda x, v: -(OMEGA**2) * (x - 0.2 * x**3) - 0.02 * OMEGA * v, tall),
+    ]
+    for seed, values in enumerate(waves):
+        assert release(TIME, noisy(values, noise, seed)) == 0
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.7, 0.7), (-0.9, 0.9), (-2.0, 0.8)])
+def test_what_a_converter_has_clipped_is_left_out(low, high):
+    """At 0.7 of the amplitude the damping came out at two thirds, 15 standard uncertainties off."""
+    time = np.arange(0.0, 1.5, 0.001)
+    free = noisy(linear(time, 20.0, 0.01, 0.3), 0.003, 16)
+    decay = smoothed_decay(time, np.clip(free, low, high))
+    assert decay.start >= time[np.flatnonzero((free < low) | (free > high))[-1]] - 0.026  # a run has two samples
+    curves = amplitude_curves(decay)
+    assert within(curves, "frequency", lambda a: 20.0 + 0.0 * a)
+    assert within(curves, "damping_ratio", lambda a: 0.01 + 0.0 * a)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.001, 0.01, 0.1])
+@pytest.mark.parametrize("samples", [12.0, 30.3, 200.0])
+def test_the_crests_of_a_coarse_converter_are_not_clipped(step, samples):
+    time = np.arange(0.0, 20.0, 1.0 / samples)
+    for seed, damping in enumerate([0.001, 0.02]):
+        values = noisy(linear(time, 1.0, damping, 0.4), 0.3 * step, seed)
+        assert clipped_runs(step * np.round(values / step) if step else values).size == 0
 
 
 @pytest.mark.parametrize(
