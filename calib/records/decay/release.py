@@ -8,7 +8,7 @@ from calib.records.white_noise import white_noise_std
 NOISE_RANGE_STD = 8.0  # range of a rest's noise  [standard deviations]: more in 1 of 100 rests of 1000 samples
 MIN_REST_RANGE = 1e-3  # of the range of the values, which a rest may have whatever its noise  [1]
 MAX_REST_RANGE = 0.5  # of the amplitude, which a rest may have: one that is drawn out, or shaken  [1]
-MIN_REST_SAMPLES = 4
+MIN_REST_SAMPLES = 4  # in a rest  [count]
 MAX_RESTS = 50  # one behind the other: of a pull, by a tenth of the amplitude each
 MIN_REST_PERIODS = 0.08  # beyond what a crest lasts, of a rest; crests of flattened waves last as long
 MAX_CREST_LENGTH = 1.5  # of a free motion's crest over a sinusoid's: 1.41 of a ball that bounces  [1]
