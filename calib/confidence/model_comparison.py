@@ -77,8 +77,10 @@ def comparable(analyses: Sequence[LocalAnalysis], names: Sequence[str]) -> list[
         likelihood = AdjustedLikelihood(square, own.unit_covariance, covariance, freedom)
         apart = own.residuals - noise
         excess = square - float(noise @ noise)
-        precision, free = _precision(apart, noise, labels, draws, linearised[best].jacobian.shape[1])
-        found.append(ComparableModel(likelihood, -0.5 * (free + 1.0) * math.log1p(max(excess, 0.0) * precision / free)))
+        fitted = linearised[best].jacobian.shape[1]
+        precision, free = _precision(apart, noise, labels, draws, fitted)
+        ratio = max(excess, 0.0) * precision
+        found.append(ComparableModel(likelihood, -0.5 * (free + fitted) * math.log1p(ratio / free)))
     return found
 
 

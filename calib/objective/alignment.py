@@ -85,7 +85,7 @@ class Alignment:
         self._trigger: _Fit | None = None
         if "trigger" in nuisance:
             first = [row for row in driven if row[1] == driven[0][1]]
-            rows = first or [row for row in used if compared is None or row in compared] or used
+            rows = first or [row for row in used if compared is None or _is_needed(row, compared, linear)] or used
             index = [used.index(row) for row in rows]
             self._trigger = self._all if rows == used and not first else _Fit(values[index], rows, linear)
             self._given = bool(first)
@@ -140,19 +140,19 @@ class Alignment:
             return 0.0, self._all.linear(self._all.correlated(loops), 0.0)
         cycles, _ = cut(time, loops, self.period, self.periods, self.per_period)
         loops = cycles.mean(axis=1)
-        shift, trigger, sums = self.offset, self._trigger, None
+        shift, trigger = self.offset, self._trigger
+        theta: dict[str, float] = {}
         if trigger is not None:
             own = loops[[self.used.index(row) for row in trigger.rows]]
             sums = trigger.correlated(own)
             shift = trigger.best(sums)
-        theta: dict[str, float] = {}
-        if self._all.names:
-            theta = self._all.linear(sums if sums and trigger is self._all else self._all.correlated(loops), shift)
-        if trigger is not None and not self._given and impacts.size:
-            at = np.unique((impacts / self.period * self.per_period) % self._all.size)
-            known = {name: theta[name] for name in trigger.names}
-            shift, known = trigger.polished(own, at, shift, known)
-            theta |= known
+            if not self._given:
+                theta = trigger.linear(sums, shift) if trigger.names else {}
+                if impacts.size:
+                    at = np.unique((impacts / self.period * self.per_period) % self._all.size)
+                    shift, theta = trigger.polished(own, at, shift, theta)
+        if len(theta) < len(self._all.names):  # nor compared, nor do they move the trigger
+            theta = {**self._all.linear(self._all.correlated(loops), shift), **theta}
         return ((shift - self.offset) / self.per_period) % self.periods, theta
 
     def _moved(self, time: np.ndarray, values: np.ndarray, shift: float, trust: np.ndarray | float = 1.0) -> np.ndarray:
@@ -169,6 +169,8 @@ class Alignment:
                 )
             at = np.clip(self.time, time[0], time[-1])
             straight = np.array([np.interp(at, time, row) for row in values])
+            if (np.diff(time) <= 0.0).any():  # an instant before and behind an impact
+                return straight
             cubic = CubicHermiteSpline(time, values, np.gradient(values, time, axis=1), axis=1)(at)
             return straight + trust * (cubic - straight)  # a cubic would overshoot on both sides of a jump
         cycles, phase = cut(time, values, self.period)
@@ -194,6 +196,11 @@ class Alignment:
             if "shear" in theta:
                 measured["displacement"] = measured["displacement"] + theta["shear"] * simulated["velocity"]
         return measured
+
+
+def _is_needed(row: tuple[str, str], compared: Collection[tuple[str, str]], linear: Collection[str]) -> bool:
+    """Whether a (body, channel) pair is compared, or the velocity that the shear of a compared displacement needs."""
+    return row in compared or ("shear" in linear and row[1] == "velocity" and (row[0], "displacement") in compared)
 
 
 def trusted(simulated: xr.Dataset) -> np.ndarray:

@@ -69,9 +69,9 @@ def diagnose_study(
             file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
             on_stage=on_stage, on_progress=on_progress, budget=limit, laboratory=file.laboratory, kept=kept,
         )  # fmt: skip
+        result = write(diagnosis, file.folder, values, {**file.study.objective.references, **file.others})
         if not diagnosis.cut_short:
             kept.remove()
-    result = write(diagnosis, file.folder, values, {**file.study.objective.references, **file.others})
     rebuild_file(file)
     selection, extended = diagnosis.selection, None
     if apply and diagnosis.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:

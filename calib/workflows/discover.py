@@ -67,9 +67,9 @@ def discover_study(
             file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
             on_stage=on_stage, on_progress=on_progress, budget=limit, kept=kept,
         )  # fmt: skip
+        result = write_discovery(discovery, file.folder, values)
         if not discovery.cut_short:
             kept.remove()
-    result = write_discovery(discovery, file.folder, values)
     figure = found_force_figure(result)
     if figure is None:
         (file.folder / FORCE_PICTURE).unlink(missing_ok=True)

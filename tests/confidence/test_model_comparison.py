@@ -137,10 +137,12 @@ def test_the_window_that_would_make_both_equal_is_told():
 
 
 @pytest.mark.parametrize(("number", "parameters"), [(10, 4), (15, 5), (60, 5)])
-def test_of_few_residuals_a_parameter_too_many_is_no_evidence(number, parameters):
-    """Twice the logarithm of its likelihood ratio is a chi-square of one degree of freedom."""
-    rng, twice = np.random.default_rng(number), []
-    for _ in range(600):
+def test_of_white_noise_of_unknown_level_sums_of_squares_to_the_power_of_half_their_number_are_likelihoods(
+    number, parameters
+):
+    """The level integrated out leaves S^(-n/2) of n residuals: Box & Tiao 1973, section 2.7."""
+    rng, both = np.random.default_rng(number), []
+    for _ in range(300):
         columns, noise = rng.standard_normal((number, parameters)), rng.standard_normal(number)
         analyses = []
         for count in (parameters - 1, parameters):
@@ -151,6 +153,7 @@ def test_of_few_residuals_a_parameter_too_many_is_no_evidence(number, parameters
             confidence = SimpleNamespace(linearised=linearised, reason="")
             analyses.append(LocalAnalysis(None, confidence, None, None))
         fewer, more = comparable(analyses, ["fewer", "more"])
-        twice.append(2.0 * (more.log_best - fewer.log_best))
-    assert np.mean(twice) == pytest.approx(1.0, abs=0.3)
-    assert np.mean(np.array(twice) > 6.0) < 0.05
+        squares = [float(np.sum(one.confidence.linearised.residuals**2)) for one in analyses]
+        both.append((more.log_best - fewer.log_best, 0.5 * number * math.log(squares[0] / squares[1])))
+    found, exact = np.mean(both, axis=0)
+    assert 0.7 * exact < found < 1.05 * exact

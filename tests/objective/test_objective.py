@@ -19,7 +19,7 @@ from calib.features import (
     TimeHistory,
 )
 from calib.objective import Objective, Reference, Term
-from calib.records import failed, make, read
+from calib.records import failed, make, read, with_channels
 from calib.records.cycles import phase_curve
 from calib.records.excitation import Excitation
 
@@ -349,6 +349,40 @@ def test_the_trigger_is_solved_from_what_is_compared():
     both = objective(record)({"run": simulated(jump=0.0)}).nuisances["run"]["trigger"]
     assert found == pytest.approx(0.0123, abs=1e-7)
     assert abs(both - 0.0123) > 1e-6
+
+
+@pytest.mark.parametrize("jump", [0.0, 0.4])
+def test_the_shear_of_a_compared_displacement_is_told_from_the_trigger(jump):
+    """It needs the velocity, which nothing compares: without it the trigger would take its place."""
+    record = clapping(jump=jump, trigger=0.0123)
+    record = with_channels(record, {"displacement": (record["displacement"] + 2e-3 * record["velocity"]).values})
+    compared = objective(record, Term(PhaseCurve(channels=("displacement",))), nuisance=("trigger", "shear"))
+    found = compared({"run": simulated(jump=jump)}).nuisances["run"]
+    assert found["trigger"] == pytest.approx(0.0123, abs=1e-5)
+    assert found["shear"] == pytest.approx(2e-3, rel=0.02)
+
+
+@pytest.mark.parametrize("contacts", [True, False])
+def test_a_scale_is_that_of_what_is_compared_with_and_without_impacts(contacts):
+    """Of displacements only that of the beam is compared, which is 10 % too large; that of the layer is 30 %."""
+    record = clapping()
+    factors = np.array([[1.1], [1.3]])
+    record = with_channels(record, {"displacement": factors * record["displacement"].values})
+    terms = Term(TimeHistory(channels=("displacement",)), bodies=("beam",)), Term(PhaseCurve(channels=("velocity",)))
+    compared = objective(record, *terms, nuisance=("trigger", "scale"))
+    found = compared({"run": simulated(contacts=contacts)}).nuisances["run"]
+    assert found["scale.displacement"] == pytest.approx(1.1, rel=1e-6 if not contacts else 2e-3)
+
+
+def test_a_decay_with_an_instant_before_and_behind_an_impact_is_compared():
+    regular = np.arange(200) * 1e-3
+
+    def decay(time, **stated):
+        record = make(np.arange(time.size) * 1e-3, ["mass"], {"displacement": np.cos(50.0 * time)[None]}, **stated)
+        return record.assign_coords(time=("time", time, record["time"].attrs))
+
+    compared = objective(decay(regular, place="mass", quantity="free decay"), Term(TimeHistory()), nuisance=())
+    assert compared({"run": decay(np.sort(np.append(regular, 0.1)))}).cost < 1e-6
 
 
 def test_a_decay_at_the_simulators_own_times_keeps_its_amplitude():

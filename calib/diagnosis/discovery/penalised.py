@@ -229,9 +229,8 @@ def nested(richer: PenalisedFit, model: FreeModel) -> tuple[float, dict[str, flo
     names = tuple(np.array(fit.names)[shared].tolist())
     x = np.array([fit.value(name) for name in fit.names])
     columns = fit.free(fit.columns)
-    without = replace(
-        fit, residual=fit.residual + columns[:, ~shared] @ x[~shared], columns=fit.columns[:, shared], names=names
-    )
+    residual = fit.residual + columns[:, ~shared] @ x[~shared]
+    without = replace(fit, residual=residual, columns=fit.columns[:, shared], names=names, relative_errors=())
     smoothing = linearised(without, model)
     own, weight = np.isin(names, model.coefficients), smoothing.weight
     step = _step(without.residual, columns[:, shared], own, smoothing, weight, x[shared], 0.0)
@@ -361,7 +360,9 @@ def _ahead(
     step, held = np.zeros(x.size), np.zeros(x.size, dtype=bool)
     while True:
         names = tuple(np.array(now.names)[~held].tolist())
-        beside = replace(now, residual=now.residual - columns @ step, columns=now.columns[:, ~held], names=names)
+        beside = replace(
+            now, residual=now.residual - columns @ step, columns=now.columns[:, ~held], names=names, relative_errors=()
+        )
         smoothing = linearised(beside, model)
         weight = smoothing.weight_of(allowed * len(model.forces))
         whole = step.copy()

@@ -19,6 +19,7 @@ MAX_CELLS = 5_000_000  # cells of a table
 DATE = re.compile(r"\d{1,4}[/-]\d{1,2}[/-]\d{1,4}|\d{1,2}:\d{2}")
 RELATION_MARK = "XXX"  # what Engauge writes before points that go on a relation
 DECIMAL_COMMA_SEPARATORS = ";\t"  # between cells that may have a decimal comma
+WHOLE_NUMBER = re.compile(rf"[+{MINUS}-]?\d+")
 COMMA_NUMBER = re.compile(rf"[+{MINUS}-]?(\d+,\d*|,\d+)([eE][+{MINUS}-]?\d+)?")  # '1,5'; '1,234' may be 1234
 
 Row = tuple[int, list[str]]  # line number, cells
@@ -98,7 +99,8 @@ def _with_points(path: Path, blocks: Sequence[Sequence[Row]]) -> list[list[Row]]
     commas = [(n, cell) for n, cell in numbers if COMMA_NUMBER.fullmatch(cell) and not COMMA_GROUPS.fullmatch(cell)]
     points = [(n, cell) for n, cell in numbers if "." in cell and real_number(cell) is not None]
     thousands = any("." in cell or cell.count(",") > 1 for _, cell in groups)
-    doubtful = groups if points or thousands or not commas else []
+    whole = not commas and any(WHOLE_NUMBER.fullmatch(cell) for _, cell in numbers)  # beside '1,234', which may be one
+    doubtful = groups if points or thousands or whole else []
     for number, cell in doubtful or (points if commas else []):
         raise CalibError(
             f"{path}, line {number}: expected one decimal sign and nothing between the thousands, got {cell[:40]!r}, "

@@ -8,6 +8,7 @@ from calib.records.white_noise import white_noise_std
 NOISE_RANGE_STD = 8.0  # range of a rest's noise  [standard deviations]: more in 1 of 100 rests of 1000 samples
 MIN_REST_RANGE = 1e-3  # of the range of the values, which a rest may have whatever its noise  [1]
 MAX_REST_RANGE = 0.5  # of the amplitude, which a rest may have: one that is drawn out, or shaken  [1]
+MAX_FIRST_CROSSINGS = 2  # of the mean on the way to the farthest value: more are a beat that grows from zero  [count]
 MIN_REST_SAMPLES = 4  # in a rest  [count]
 MAX_RESTS = 50  # one behind the other: of a pull, by a tenth of the amplitude each
 MIN_REST_PERIODS = 0.08  # beyond what a crest lasts, of a rest; crests of flattened waves last as long
@@ -46,10 +47,16 @@ def _rest(time: np.ndarray, values: np.ndarray, smallest: float) -> int:
             break
         crest = period * np.arccos(1.0 - allowed / amplitude) / np.pi
         longest = MAX_CREST_LENGTH * crest + MIN_REST_PERIODS * period
-        if count >= MIN_REST_SAMPLES and time[count - 1] - time[0] > longest:
+        beats = _crossings(values[count : farthest + 1], float(np.median(values))) > MAX_FIRST_CROSSINGS
+        if not beats and count >= MIN_REST_SAMPLES and time[count - 1] - time[0] > longest:
             return count
         allowed *= 2.0
     return 0
+
+
+def _crossings(values: np.ndarray, level: float) -> int:
+    """Number of times that values (n,) cross a level."""
+    return int(np.count_nonzero(np.diff(values > level)))
 
 
 def _within(values: np.ndarray, allowed: float) -> int:

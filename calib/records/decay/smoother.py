@@ -8,7 +8,12 @@ import numpy as np
 
 from calib.errors import CalibError
 from calib.records.clipping import clipped_runs
-from calib.records.decay.analytic_signal import MIN_DECAY_PERIODS, AnalyticSignal, analytic_signal
+from calib.records.decay.analytic_signal import (
+    MIN_DECAY_PERIODS,
+    AnalyticSignal,
+    analytic_signal,
+    dominant_frequency,
+)
 from calib.records.decay.oscillation import (
     MAX_OSCILLATION_STEPS,
     MAX_TRIAL_STEPS,
@@ -19,6 +24,7 @@ from calib.records.decay.oscillation import (
 from calib.records.decay.release import release
 from calib.records.decay.residual import in_period_noise, noise_std, other_mode, outlying
 
+MAX_CREST_DISTANCE = 2.0  # periods from one clipped crest to the next, or to the beginning  [1]
 MIN_SIGNAL_TO_NOISE = 5.0  # amplitude over its standard error from one period, below which a decay is left out  [1]
 MIN_AMPLITUDE_SHARE = 1e-3  # of the largest amplitude, below which a decay is left out whatever its noise  [1]
 FIRST_AMPLITUDE_SHARE = 0.03  # of the largest amplitude, down to which the noise is first looked for  [1]
@@ -199,10 +205,35 @@ def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = N
 
 
 def first_free(time: np.ndarray, values: np.ndarray) -> int:
-    """Index of the first sample (n,) from which on the motion is free, and none at the limit of a converter."""
+    """Index of the first sample (n,) from which on the motion is free, its crests below the limit of a converter.
+
+    Raises
+    ------
+    CalibError : too few periods are below that limit
+    """
     first = release(time, values)
-    clipped = clipped_runs(values[first:])
-    return first + int(clipped[-1, 1]) if clipped.size else first
+    return first + _clipped(time[first:], values[first:])
+
+
+def _clipped(time: np.ndarray, values: np.ndarray) -> int:
+    """Samples up to the end of the clipped crests that values (n,) begin with; other equal values are outliers."""
+    runs = clipped_runs(values)
+    if not runs.size:
+        return 0
+    even = np.linspace(time[0], time[-1], time.size)
+    period = 1.0 / dominant_frequency(even, np.interp(even, time, values))
+    behind = np.concatenate([[time[0]], time[runs[:-1, 1]]])
+    apart = time[runs[:, 0]] - behind > MAX_CREST_DISTANCE * period
+    crests = runs[: int(np.argmax(apart))] if apart.any() else runs
+    if not len(crests):
+        return 0
+    end = int(crests[-1, 1])
+    if time[-1] - time[end] < MIN_DECAY_PERIODS * period:
+        raise CalibError(
+            f"the decay is clipped until {time[end]:.4g} s: its largest samples are equal, a converter or an amplifier "
+            f"being at its limit; expected {MIN_DECAY_PERIODS:g} periods behind them; record again in a wider range"
+        )
+    return end
 
 
 def _end(tone: AnalyticSignal, floor: float) -> int:
