@@ -62,7 +62,8 @@ class LogLikelihood:
 
     The level of the noise is estimated from the residuals with nu degrees of freedom: it is integrated out, so that a
     likelihood ratio R of d parameters becomes a multivariate t, (1 + R / nu)^-(nu + d)/2 (Box & Tiao, Bayesian
-    Inference in Statistical Analysis, 1973, section 2.7), nu being the least of any parameter.
+    Inference in Statistical Analysis, 1973, section 2.7), 1 / nu being the mean of those of the parameters, weighted by
+    their squared shifts in standard errors.
 
     A simulation that moves in a wrong way is less likely than any that does not, the more so the larger the cost of the
     objective, and one that fails is less likely still, by its distance from the best point: nested sampling ends on a
@@ -82,12 +83,17 @@ class LogLikelihood:
         shift = np.array(point.u) - self.centre
         if math.isfinite(point.square):
             ratio = self.likelihood.ratio(point.square, range(shift.size), shift) if shift.any() else 0.0
-            freedom = float(self.likelihood.degrees_of_freedom.min())
-            deviance = (freedom + shift.size) * math.log1p(ratio / freedom) if ratio > 0.0 else ratio
+            deviance = self._deviance(ratio, shift) if ratio > 0.0 else ratio
             return -0.5 * deviance / (1.0 + max(deviance, 0.0) / self._worst)
         if math.isfinite(point.cost):  # of a wrong kind of motion: 10 to 21
             return -self._worst * (1.0 + point.cost / MIN_COST_OF_WRONG_KIND)
         return -self._worst * (4.0 + float(np.linalg.norm(shift)))
+
+    def _deviance(self, ratio: float, shift: np.ndarray) -> float:
+        """Twice the fall of the log-likelihood, the level of the noise integrated out, at a shift (dim,)."""
+        squares = shift**2 / np.diag(self.likelihood.robust_covariance)
+        inverse = float(squares @ (1.0 / self.likelihood.degrees_of_freedom) / squares.sum())
+        return (1.0 / inverse + shift.size) * math.log1p(ratio * inverse) if inverse > 0.0 else ratio
 
     @cached_property
     def _worst(self) -> float:

@@ -152,6 +152,12 @@ def test_a_lognormal_prior_of_a_window_without_a_value_above_0_is_refused():
         Prior("lognormal", 1.0, 0.5).check(Window(-2.0, 0.0))
 
 
+def test_of_noise_whose_level_is_known_the_posterior_is_normal():
+    likelihood = AdjustedLikelihood(1e-3, np.array([[1.0]]), np.array([[1e-4]]), np.array([np.inf]))
+    logarithm = LogLikelihood(likelihood, np.array([0.5]))
+    assert logarithm(FittedPoint((0.52,), 1e-3 + 4e-4, 1.0)) == pytest.approx(-2.0, rel=1e-3)
+
+
 @pytest.mark.parametrize("freedom", [3.0, 12.0])
 def test_of_a_linear_model_of_few_residuals_the_posterior_is_students_t(freedom):
     """As are its local interval and its profile."""
