@@ -254,13 +254,8 @@ def _is_near(response: float, target: float) -> bool:
 
 
 def _known_error(own: tuple[float, np.ndarray], known: Step | None) -> float | None:
-    """Relative error of the slope by a step that is to be compared no more; None of any other.
-
-    It is a known one that agreed with a further one, and its response is as before.
-    """
-    if known is None or known.relative_error > MAX_SLOPE_DIFFERENCE or abs(own[0]) != known.size:
-        return None
-    if not _is_near(float(np.linalg.norm(own[1])), known.response):
+    """Relative error of the slope by a step, where that is a known one whose response is as before; None elsewhere."""
+    if known is None or abs(own[0]) != known.size or not _is_near(float(np.linalg.norm(own[1])), known.response):
         return None
     return known.relative_error
 
