@@ -166,7 +166,7 @@ def _less(fitter: Fitter, now: Elimination, cause: Cause, model: Fit, share: flo
     """Eliminate a cause; model : without it."""
     others = tuple(other for other in now.causes if other is not cause)
     out = LeftOut(cause[0].name, share, tuple(other.name for other, _ in others), reason)
-    return replace(now, causes=others, final=fitter.with_derivatives(model, "all"), left_out=(*now.left_out, out))
+    return replace(now, causes=others, final=fitter.with_derivatives(model), left_out=(*now.left_out, out))
 
 
 def _without(fitter: Fitter, null: Fit, now: Elimination, left_out: Cause) -> Fit:

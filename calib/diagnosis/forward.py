@@ -55,7 +55,7 @@ def _round(
     chosen = outcome.chosen
     if chosen is None:
         return outcome, None
-    extended = fitter.with_derivatives(chosen.fit, "all")
+    extended = fitter.with_derivatives(chosen.fit)
     made = extension(evidence, base, extended, chosen, outcome.threshold)
     outcome = replace(outcome, prediction=made.prediction)
     reason = rejection(evidence, state.null, made, further=bool(state.causes))
@@ -83,7 +83,7 @@ def _in_place_of_both(fitter: Fitter, state: StepwiseState, further: Refitted) -
         both = before - further.fit.chi2_over(common) - last.aic_penalty - further.aic_penalty
         found.append((formed.chi2_reduction - formed.aic_penalty - both, formed))
     lead, best = max(found, key=lambda pair: pair[0], default=(-np.inf, further))
-    return replace(best, fit=fitter.with_derivatives(best.fit, "all")) if lead >= 0.0 else None
+    return replace(best, fit=fitter.with_derivatives(best.fit)) if lead >= 0.0 else None
 
 
 def _with_form(fitter: Fitter, state: StepwiseState, formed: Refitted) -> Round:
@@ -124,7 +124,7 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     for key, known in state.known.items():
         state.known[key] = replace(known, columns=evidence.carried(known.columns, old))
     chosen = simplest(rivals)
-    final = fitter.with_derivatives(chosen.fit, "all")
+    final = fitter.with_derivatives(chosen.fit)
     cause = replace(chosen, fit=final), with_possible_causes(fitter.evidence, rivals, refitted)
     return replace(state, null=null, final=final, causes=(*state.causes[:-1], cause))
 

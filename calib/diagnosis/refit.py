@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -172,13 +172,11 @@ class Fitter:
         each = len(parts) * (JACOBIANS_PER_FIT * parameters + STEPS_PER_FIT) + free * INITIAL_STATE_SIMULATIONS
         return len(parts) * SIMULATIONS_PER_SCORE * scored + fits * each
 
-    def with_derivatives(self, fit: Fit, compared: Literal["all", "new"] = "new") -> Fit:
-        """Return the fit with the derivatives at its own point, those of new steps compared with others, or all."""
+    def with_derivatives(self, fit: Fit) -> Fit:
+        """Return the fit with the derivatives at its own point."""
         fit = self._with_initial_slopes(fit)
         directions = self.directions(fit.point, fit.candidates)
-        taken = slopes(
-            self.pool, self.evidence, fit.point, directions, self.steps, compared, fit.nuisances, together=True
-        )
+        taken = slopes(self.pool, self.evidence, fit.point, directions, self.steps, "new", fit.nuisances, together=True)
         self.steps |= {d.name: s.taken for d, s in zip(directions, taken, strict=True) if s.taken}
         none = np.zeros(fit.residual.size)
         columns = [none if s.column is None else s.column for s in taken]

@@ -56,7 +56,7 @@ def replaced(
         chosen = outcome.chosen
         if chosen is not None and _replaces(chosen, cause, outcome, chi2_increase):
             again = again or chosen.name != cause.name
-            final = fitter.with_derivatives(chosen.fit, "all")
+            final = fitter.with_derivatives(chosen.fit)
             pairs[index] = chosen, outcome.rivals
         elif chi2_increase < outcome.threshold**2:
             pairs, final = [pair for pair in pairs if pair[0] is not cause], without

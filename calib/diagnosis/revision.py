@@ -30,7 +30,7 @@ def exchanged(fitter: Fitter, selection: Selection, cause: Refitted, rival: Refi
     fit = fitter.fit(replace(selection.final.point, values=rest), (*others, new), sizes)
     if not fit.names:
         return None
-    final = fitter.with_derivatives(fit, "all")
+    final = fitter.with_derivatives(fit)
     exchanged_cause = rival.refitted(final, rival.chi2_reduction)
     state = state_of(selection)
     causes = [
@@ -69,7 +69,7 @@ def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str)
         return None
     rise, attained = fit.chi2 - selection.final.chi2, min(selection.attained, selection.final.chi2)
     out = LeftOut(cause.name, rise / (rise + max(0.0, selection.remaining_chi2)), names, reason)
-    state = replace(state, final=fitter.with_derivatives(fit, "all"), causes=tuple(others), attained=attained)
+    state = replace(state, final=fitter.with_derivatives(fit), causes=tuple(others), attained=attained)
     state = through_elimination(fitter, state)
     elimination = state.elimination
     if elimination is None or not elimination.is_explained:
