@@ -217,20 +217,24 @@ def _interval(reference: Reference) -> float | None:
 
 def _stated(record: xr.Dataset, row: tuple[str, str]) -> float | None:
     """Standard deviation of the noise that a record states of a row; None where it states none  [unit of the row]."""
-    body, channel = row
     if is_response(record):
         return 1.0 if "response_sigma" in record else None
-    if f"{channel}_sigma" not in record:
-        return None
-    index = [str(b) for b in record.body.values].index(body)
-    return float(np.sqrt(np.mean(np.square(record[f"{channel}_sigma"].values[index]))))
+    sigma = _stated_sigma(record, row)
+    return None if sigma is None else float(np.sqrt(np.mean(sigma**2)))
 
 
 def _stated_profile(record: xr.Dataset, row: tuple[str, str]) -> np.ndarray | float:
     """Standard deviation (n,) of each sample's noise over the rms one, where the record states one of each; else 1."""
-    body, channel = row
-    if is_response(record) or f"{channel}_sigma" not in record:
+    sigma = _stated_sigma(record, row)
+    if sigma is None or not np.ptp(sigma) > 0.0:
         return 1.0
+    return sigma / float(np.sqrt(np.mean(sigma**2)))
+
+
+def _stated_sigma(record: xr.Dataset, row: tuple[str, str]) -> np.ndarray | None:
+    """Standard deviation, () or of each sample (n,), that a record states of a row [its unit], else None."""
+    body, channel = row
+    if f"{channel}_sigma" not in record:
+        return None
     index = [str(b) for b in record.body.values].index(body)
-    sigma = np.asarray(record[f"{channel}_sigma"].values[index])
-    return sigma / float(np.sqrt(np.mean(sigma**2))) if np.ptp(sigma) > 0.0 else 1.0
+    return np.asarray(record[f"{channel}_sigma"].values[index])

@@ -51,7 +51,7 @@ class Alignment:
     nuisance : names of the nuisances to solve for
     bodies : that the nuisances are solved from
     prescribed : (body, channel) pairs that the excitation prescribes
-    compared : (body, channel) pairs that alone fix the trigger where none is prescribed; None: all of the bodies
+    compared : (body, channel) pairs that alone fix the trigger where none is prescribed, if there are any
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Alignment:
         nuisance: Sequence[str],
         bodies: Collection[str],
         prescribed: frozenset[tuple[str, str]],
-        compared: Collection[tuple[str, str]] | None = None,
+        compared: Collection[tuple[str, str]],
     ):
         self.time, self.period, self.periods = record.time.values, period, periods
         self.bodies = [str(body) for body in record.body.values]
@@ -85,7 +85,7 @@ class Alignment:
         self._trigger: _Fit | None = None
         if "trigger" in nuisance:
             first = [row for row in driven if row[1] == driven[0][1]]
-            rows = first or [row for row in used if compared is None or _is_needed(row, compared, linear)] or used
+            rows = first or [row for row in used if _is_needed(row, compared, linear)] or used
             index = [used.index(row) for row in rows]
             self._trigger = self._all if rows == used and not first else _Fit(values[index], rows, linear)
             self._given = bool(first)

@@ -69,10 +69,10 @@ class PreparedReference:
         wanted = [t for t in terms if t.records is None or reference.name in t.records] or terms
         self._bodies = {body for term in wanted for body in term.bodies or self.bodies}
         of_terms = {(b, c) for term in wanted for b in term.bodies or self.bodies for c in term.feature.channels}
-        self._pairs = of_terms & {(b, c) for b in self.bodies for c in channels_of(self.record)}
+        self._channels = channels_of(self.record)
+        self._pairs = of_terms & {(b, c) for b in self.bodies for c in self._channels}
         self._alignments: dict[Pairs, Alignment] = {}
         self._alignment(self.prescribed)
-        self._channels = channels_of(self.record)
         trust = xr.DataArray(np.ones(self.record.sizes["time"]), dims="time")
         self._template = xr.Dataset(
             {**{c: self.record[c] for c in self._channels}, "trust": trust},

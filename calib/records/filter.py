@@ -4,11 +4,10 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from calib.errors import CalibError
-from calib.units import plain_number
+from calib.records.rounded_time import rounding_hint
 
 FILTER_ORDER = 4  # of the Butterworth low-pass, run forwards and backwards
 UNIFORMITY_TOLERANCE = 1e-3  # of a step: largest deviation of a sample from the uniform grid  [1]
-ROUNDING_TOLERANCE = 1e-6  # of the resolution of rounded instants: what doubles add to it  [1]
 
 
 def low_pass(values: np.ndarray, time: np.ndarray, cutoff: float) -> np.ndarray:
@@ -39,30 +38,3 @@ def low_pass(values: np.ndarray, time: np.ndarray, cutoff: float) -> np.ndarray:
     filter_ = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
     padding = min(values.shape[-1] - 1, int(3.0 * rate / cutoff))  # three periods of the cutoff
     return sosfiltfilt(filter_, values, axis=-1, padlen=padding)
-
-
-def rounding_hint(time: np.ndarray) -> str:
-    """Advice where uniform sampling and too few digits explain the steps of the instants (n,) [s]; "" elsewhere.
-
-    Instants rounded to the resolution q lie within q of the uniform grid through the first and the last one. Where
-    several fall on one, the next step is q, and none is larger; elsewhere two steps differ by q at most, and one
-    twice as long as another may be a missing sample.
-    """
-    steps = np.diff(time)
-    if steps.size == 0 or (steps < 0.0).any() or time[-1] <= time[0]:
-        return ""
-    zero = np.flatnonzero(steps == 0.0)
-    if zero.size:
-        resolution = steps[np.clip(np.concatenate([zero - 1, zero + 1]), 0, steps.size - 1)].max()
-        largest = (1.0 + ROUNDING_TOLERANCE) * resolution
-    else:
-        resolution = steps.max() - steps.min()
-        largest = (2.0 - ROUNDING_TOLERANCE) * steps.min()
-    interval = (time[-1] - time[0]) / steps.size
-    deviation = np.abs(time - time[0] - interval * np.arange(time.size)).max()
-    if steps.max() > largest or deviation > (1.0 + ROUNDING_TOLERANCE) * resolution:
-        return ""
-    return (
-        "where the instants are rounded to too few digits, state the sampling rate in the place of `time`, as in "
-        f'rate = "2 kHz" (here about {plain_number(1.0 / interval)} Hz)'
-    )

@@ -10,9 +10,9 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.records.excitation import UNITS as EXCITATION_UNITS
-from calib.records.filter import rounding_hint
 from calib.records.record import CHANNELS, INTERVAL, OK, STATE, channels, nuisance_sigma
 from calib.records.response import check_response, is_response
+from calib.records.rounded_time import rounding_hint
 from calib.units import is_si, to_si
 
 MAX_TIME_S = 1e9  # s, either side of zero: 32 years

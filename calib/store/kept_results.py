@@ -12,6 +12,7 @@ from typing import Any
 from calib.errors import CalibError
 from calib.execution.files import PERMISSIONS
 from calib.execution.pools.results import DIGEST_BYTES
+from calib.store.ledger import write_at
 from calib.store.plain import plain
 
 LENGTH_BYTES = 8  # of the length of a result
@@ -98,20 +99,13 @@ class KeptResults:
             self._end = begin + length
 
     def _append(self, data: bytes) -> None:
-        """Write at the end; where that fails, cut the file back and keep nothing more."""
+        """Write at the end; where that fails, keep nothing more."""
         try:
-            written = 0
-            while written < len(data):
-                written += os.pwrite(self._file, data[written:], self._end + written)
-        except OSError:
+            write_at(self._file, self._path, data, self._end, sync=False)
+        except CalibError:
             self._keeping = False
-            with suppress(OSError):
-                os.ftruncate(self._file, self._end)
-            return
-        except BaseException:
-            os.ftruncate(self._file, self._end)
-            raise
-        self._end += len(data)
+        else:
+            self._end += len(data)
 
 
 def _locked(file: int) -> bool:

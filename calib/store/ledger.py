@@ -189,14 +189,15 @@ class Ledger:
         self._file = self._side = -1
 
 
-def write_at(file: int, path: Path, data: bytes, offset: int) -> None:
-    """Write at `offset` and sync; where that fails, cut the file back to `offset`."""
+def write_at(file: int, path: Path, data: bytes, offset: int, sync: bool = True) -> None:
+    """Write at `offset` and sync, if asked for; where that fails, cut the file back to `offset`."""
     with write_errors_reported(path):
         try:
             written = 0
             while written < len(data):
                 written += os.pwrite(file, data[written:], offset + written)
-            os.fsync(file)
+            if sync:
+                os.fsync(file)
         except BaseException:
             os.ftruncate(file, offset)
             raise

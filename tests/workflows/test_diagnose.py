@@ -39,6 +39,7 @@ from calib.workflows.rehearse import REHEARSAL, rehearse_study
 from calib.workflows.stored import base_study
 
 ENOUGH_BYTES = 300_000  # of simulations that are kept, before a diagnosis is killed
+ONE_CANDIDATE = {"candidates": ["cubic_stiffness"], "jobs": 1}
 TIMES = np.arange(400) / 400.0  # s
 STUDY = """
 [study]
@@ -145,9 +146,6 @@ def test_a_diagnosis_that_was_killed_goes_on_from_its_simulations(folder, answer
     for said in of_each:
         del said["seconds"]
     assert of_each[0] == of_each[1]
-
-
-ONE_CANDIDATE = {"candidates": ["cubic_stiffness"], "jobs": 1}
 
 
 def test_what_was_simulated_before_the_budget_was_spent_is_not_simulated_again(folder, tmp_path, monkeypatch):

@@ -5,9 +5,9 @@ import xarray as xr
 
 from calib.records.cycles.loop import period_of
 from calib.records.record import mean_interval
+from calib.records.white_noise import white_noise_std
 
 CONTACT_THRESHOLD = 0.2  # a body is in contact while its acceleration stands out by this share of the greatest
-MAD_PER_STD = 0.6745  # median of the absolute value over the standard deviation, of normal noise
 PULSE_HALF_WIDTH = 0.02  # half width of the neighbourhood from which an impact stands out, in periods
 PULSE_FOOT = 0.1  # share of its peak below which a pulse of acceleration ends
 
@@ -54,7 +54,7 @@ def impact(phase: np.ndarray, velocity: np.ndarray) -> tuple[float, float, float
     pulse = np.sign(excess[peak]) * excess[(peak + around) % size]
     weight = _hump(pulse - PULSE_FOOT * pulse[half], half)
     change = float(np.sign(excess[peak]) * pulse[weight > 0.0].sum())
-    noise = float(np.median(np.abs(np.diff(velocity, 2)))) / (MAD_PER_STD * np.sqrt(6.0))
+    noise = float(white_noise_std(velocity, order=2))
     if abs(change) <= max(0.025 * np.ptp(velocity), 10.0 * noise):
         return none
     position = peak + 0.5 + (around @ weight) / weight.sum()

@@ -8,11 +8,12 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.records.cycles.bad_samples import without_bad_samples
-from calib.records.cycles.impacts import MAD_PER_STD, impacts_per_period
+from calib.records.cycles.impacts import impacts_per_period
 from calib.records.cycles.loop import cut, cycles_in, period_of, sampled, samples_in_step
 from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
 from calib.records.cycles.stroboscopic import section
 from calib.records.record import MIN_SECTION_PERIODS, STATE
+from calib.records.white_noise import MAD_PER_STD, white_noise_std
 
 MAX_PERIOD = 16  # periods of the excitation: the longest return that is distinguishable from irregular motion
 CYCLE_RETURN_TOLERANCE = 1e-3  # of the amplitude, within which a periodic motion returns
@@ -321,14 +322,8 @@ def _noise(record: xr.Dataset, channel: str, values: np.ndarray) -> np.ndarray:
     else:
         mean = mean_cycle(record.variables["time"].values, values, period_of(record), refined=False)
         free = np.sqrt(max(0.1, 1.0 - mean.parameters / values.shape[1]))
-        sigma = np.minimum(_white(values), _white(mean.residual) / free)
+        sigma = np.minimum(white_noise_std(values, order=2), white_noise_std(mean.residual, order=2) / free)
     return np.maximum(sigma, _steps(values) / np.sqrt(12.0))
-
-
-def _white(values: np.ndarray) -> np.ndarray:
-    """Standard deviation (row,) of the white noise of rows (row, n), by the median of their second differences."""
-    bend = np.abs(np.diff(values, 2, axis=1))
-    return np.median(bend, axis=1) / (MAD_PER_STD * np.sqrt(6.0))  # white: var of a second difference, 6 sigma^2
 
 
 def _states_noise(record: xr.Dataset) -> np.ndarray:

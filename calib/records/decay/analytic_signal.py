@@ -12,6 +12,7 @@ PASS_BAND = 0.5, 1.6  # of the dominant frequency, that the band-pass leaves  [1
 BAND_PASS_ORDER = 2  # of the Butterworth band-pass, run forwards and backwards
 MIN_DECAY_PERIODS = 4.0  # of an oscillation whose frequency and damping are told
 MIN_DECAY_SAMPLES_PER_PERIOD = 4.0  # of an oscillation whose frequency and damping are told
+MIN_DECAY_SAMPLES = int(MIN_DECAY_PERIODS * MIN_DECAY_SAMPLES_PER_PERIOD)  # [count]
 END_PERIODS = 6.0  # by which values are continued beyond their ends
 ZERO_PADDING = 4  # length of the transform over that of the values, so that its largest line is near the true one
 
@@ -71,7 +72,11 @@ def _mirrored(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def dominant_frequency(time: np.ndarray, values: np.ndarray) -> float:
-    """Frequency of the largest line of the spectrum of uniform values (n,), their mean removed  [Hz]."""
+    """Frequency of the largest line of the spectrum of values (n,), their mean removed  [Hz].
+
+    time : (n,) increasing; where it is not uniform, values are interpolated linearly  [s]
+    """
+    values = np.interp(np.linspace(time[0], time[-1], time.size), time, values)
     window = signal.windows.hann(values.size, sym=False)
     size = ZERO_PADDING * values.size
     power = np.abs(np.fft.rfft(window * (values - values.mean()), size)) ** 2
@@ -98,10 +103,9 @@ def analytic_signal(time: np.ndarray, values: np.ndarray) -> AnalyticSignal:
 
     Source: Feldman, Mechanical Systems and Signal Processing 8 (1994) 119-127 (FREEVIB).
     """
-    least = int(MIN_DECAY_PERIODS * MIN_DECAY_SAMPLES_PER_PERIOD)
-    if time.size < least:
+    if time.size < MIN_DECAY_SAMPLES:
         raise CalibError(
-            f"frequency and damping of a free decay need at least {least} samples, got {time.size}; "
+            f"frequency and damping of a free decay need at least {MIN_DECAY_SAMPLES} samples, got {time.size}; "
             "record longer, or at a higher rate"
         )
     if np.ptp(values) == 0.0:

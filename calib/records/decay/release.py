@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.records.decay.analytic_signal import MIN_DECAY_PERIODS, MIN_DECAY_SAMPLES_PER_PERIOD, dominant_frequency
+from calib.records.decay.analytic_signal import MIN_DECAY_SAMPLES, dominant_frequency
 from calib.records.white_noise import white_noise_std
 
 NOISE_RANGE_STD = 8.0  # range of a rest's noise  [standard deviations]: more in 1 of 100 rests of 1000 samples
@@ -13,7 +13,6 @@ MIN_REST_SAMPLES = 4  # in a rest  [count]
 MAX_RESTS = 50  # one behind the other: of a pull, by a tenth of the amplitude each
 MIN_REST_PERIODS = 0.08  # beyond what a crest lasts, of a rest; crests of flattened waves last as long
 MAX_CREST_LENGTH = 1.5  # of a free motion's crest over a sinusoid's: 1.41 of a ball that bounces  [1]
-FEWEST_SAMPLES = int(MIN_DECAY_PERIODS * MIN_DECAY_SAMPLES_PER_PERIOD)
 
 
 def release(time: np.ndarray, values: np.ndarray) -> int:
@@ -24,7 +23,7 @@ def release(time: np.ndarray, values: np.ndarray) -> int:
     1.5 times that and 0.08 periods more. It is looked for with r from the range of the noise on, doubled up to half the
     amplitude, and again behind each rest, as long as there is one: a hand may not hold quite still, or pull.
     """
-    smallest = max(NOISE_RANGE_STD * white_noise_std(values), MIN_REST_RANGE * float(np.ptp(values)))
+    smallest = max(NOISE_RANGE_STD * float(white_noise_std(values)), MIN_REST_RANGE * float(np.ptp(values)))
     first = 0
     for _ in range(MAX_RESTS):
         rest = _rest(time[first:], values[first:], smallest) if smallest > 0.0 else 0
@@ -37,10 +36,10 @@ def release(time: np.ndarray, values: np.ndarray) -> int:
 def _rest(time: np.ndarray, values: np.ndarray, smallest: float) -> int:
     """Length in samples of the rest that values (n,) begin with, 0 without one; smallest : range of one  [unit]."""
     allowed, farthest = smallest, int(np.argmax(np.abs(values - np.median(values))))  # a pull ends there
-    while values.size > FEWEST_SAMPLES:
+    while values.size > MIN_DECAY_SAMPLES:
         count = _within(values, allowed)
         moving = max(count, farthest)
-        if values.size - moving < FEWEST_SAMPLES:
+        if values.size - moving < MIN_DECAY_SAMPLES:
             break
         period, amplitude = _motion(time[moving:], values[moving:])
         if allowed > MAX_REST_RANGE * amplitude:
@@ -61,7 +60,7 @@ def _crossings(values: np.ndarray, level: float) -> int:
 
 def _within(values: np.ndarray, allowed: float) -> int:
     """Number of the first values (n,) whose range is within what is allowed."""
-    count = FEWEST_SAMPLES
+    count = MIN_DECAY_SAMPLES
     while True:
         piece = values[:count]
         beyond = np.flatnonzero(np.maximum.accumulate(piece) - np.minimum.accumulate(piece) > allowed)
@@ -72,6 +71,5 @@ def _within(values: np.ndarray, allowed: float) -> int:
 
 def _motion(time: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Period  [s] and amplitude, over the first period, of values (n,) that begin with a free motion."""
-    even = np.linspace(time[0], time[-1], time.size)
-    period = 1.0 / dominant_frequency(even, np.interp(even, time, values))
+    period = 1.0 / dominant_frequency(time, values)
     return period, 0.5 * float(np.ptp(values[time <= time[0] + period]))

@@ -148,11 +148,11 @@ class SmoothedDecay:
 def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = None) -> SmoothedDecay:
     """Smooth a free decay: log amplitude and phase as splines, whose number the record decides.
 
-    The range begins at the release, or behind the last sample at the limit of a converter, and ends where the amplitude
-    is no longer 5 times its standard error from a single period. The number of
-    splines is the next above the one that minimises the corrected Akaike criterion of the residual, demodulated period
-    by period, so that only noise about the motion's own frequency counts. At the minimum the bias is as large as the
-    noise, and no uncertainty could be stated (undersmoothing). The breaks are denser where the amplitude falls fast.
+    The range begins at the release, or behind the last crest at the limit of a converter, and ends where the amplitude
+    is no longer 5 times its standard error from a single period. The number of splines is the next above the one that
+    minimises the corrected Akaike criterion of the residual, demodulated period by period, so that only noise about the
+    motion's own frequency counts. At the minimum the bias is as large as the noise, and no uncertainty could be stated
+    (undersmoothing). The breaks are denser where the amplitude falls fast.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = N
     Source: Hurvich, Tsai, Biometrika 76 (1989) 297 (criterion); Hall, Annals of Statistics 20 (1992) 675
     (undersmoothing); Burnham, Anderson, Model Selection and Multimodel Inference (2002) 4.3 (weights).
     """
-    first = first_free(time, values)
+    first = _first_free(time, values)
     time, values = time[first:], values[first:]
     tone = analytic_signal(time, values)
     per_period = (time.size - 1) / ((time[-1] - time[0]) * tone.dominant)
@@ -204,7 +204,7 @@ def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = N
     )
 
 
-def first_free(time: np.ndarray, values: np.ndarray) -> int:
+def _first_free(time: np.ndarray, values: np.ndarray) -> int:
     """Index of the first sample (n,) from which on the motion is free, its crests below the limit of a converter.
 
     Raises
@@ -220,8 +220,7 @@ def _clipped(time: np.ndarray, values: np.ndarray) -> int:
     runs = clipped_runs(values)
     if not runs.size:
         return 0
-    even = np.linspace(time[0], time[-1], time.size)
-    period = 1.0 / dominant_frequency(even, np.interp(even, time, values))
+    period = 1.0 / dominant_frequency(time, values)
     behind = np.concatenate([[time[0]], time[runs[:-1, 1]]])
     apart = time[runs[:, 0]] - behind > MAX_CREST_DISTANCE * period
     crests = runs[: int(np.argmax(apart))] if apart.any() else runs
