@@ -124,10 +124,15 @@ def swept_curves(
         return failed(model.bodies, "impossible value", str(error)), {}
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("frequency", "amplitude", "level", "sweep", "piece")}
     directions, jumps, curves = list[np.ndarray](), list[str](), dict[float, SeriesStretch]()
+    met: dict[tuple[bytes, float], SweptPath] = {}
     for sweep, points in sweeps(measured):
         direction = float(measured["direction"][points[0]])
         level = level_over_frequency(frequency[points], levels[points])
-        path = _path(setting, level, _stops(frequency[points], direction), known.get(sweep))
+        asked = _points(frequency[points], levels[points])
+        path = met.get((asked, direction))
+        if path is None:
+            stops, there = _stops(frequency[points], direction), met.get((asked, -direction))
+            path = met[asked, direction] = _path(setting, level, stops, known.get(sweep), there)
         if path.reason:
             return failed(bodies, NOT_PERIODIC, f"sweep {sweep:g}: {path.reason}"), {}
         if len(path.pieces) == 1 and isinstance(path.pieces[0], SeriesStretch):
@@ -150,13 +155,24 @@ def swept_curves(
     return model.measured_response(record.assign(piece=("point", joined["piece"])), values), curves
 
 
+def _points(frequency: np.ndarray, level: np.ndarray) -> bytes:
+    """Frequencies and levels of a sweep, whichever way it passes them."""
+    return np.column_stack([frequency, level])[np.lexsort((level, frequency))].tobytes()
+
+
 def _path(
-    setting: Setting, level: Callable[[float], float], stops: np.ndarray, known: SeriesStretch | None
+    setting: Setting,
+    level: Callable[[float], float],
+    stops: np.ndarray,
+    known: SeriesStretch | None,
+    there: SweptPath | None,
 ) -> SweptPath:
-    """Path of a sweep, beside a known stretch over the same stops where there is one."""
+    """Path of a sweep, beside a known stretch over the same stops, or back along the path `there`, where it can."""
     series = series_sweep(setting, level, stops)
-    beside = series.beside(known) if series and known else None
-    return SweptPath([beside]) if beside else swept_path(partial(_map, setting, level), stops, series)
+    found = series.beside(known) if series and known else None
+    if found is None and series and there and isinstance(there.pieces[0], SeriesStretch):
+        found = series.backward(there.pieces[0])
+    return SweptPath([found]) if found else swept_path(partial(_map, setting, level), stops, series)
 
 
 def level_over_frequency(frequency: np.ndarray, level: np.ndarray) -> Callable[[float], float]:

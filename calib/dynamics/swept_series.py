@@ -15,7 +15,7 @@ import numpy as np
 from calib.dynamics.arclength import EDGE_ROUNDING, MAX_ARCLENGTH_STEP, Mark, OneWay, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.neighbour_curve import MAX_SPACING_RATIO, neighbour_curve
-from calib.dynamics.response import harmonics_of_cycle
+from calib.dynamics.response import AMPLITUDE, FREQUENCY, harmonics_of_cycle
 from calib.dynamics.series_curve import (
     MAX_SIZE_RATIO,
     MIN_SIZE_RATIO,
@@ -138,11 +138,30 @@ class SeriesSweep:
         stability, comes to a stop, or needs other steps or more harmonics.
         """
         _, modes, size = known.coefficients.shape
-        whole = not known.end and {*known.frequency[[0, -1]].tolist()} == {*self.window}
-        if not whole or modes != len(self.system.stiffness):
+        if not self._is_whole(known) or modes != len(self.system.stiffness):
             return None
         found = self._beside(HarmonicBalance(self.system, (size - 1) // 2), known)
         return self._stretch(*found, "") if found and _is_described(*found) else None
+
+    def backward(self, there: SeriesStretch) -> SeriesStretch | None:
+        """Stretch back over the motions of a sweep the other way; None where that does not begin with its last one.
+
+        A curve that is stable from edge to edge has no fold, so that whoever is on it stays on it both ways.
+        """
+        first = self.first(float(there.frequency[-1])) if self._is_whole(there) else None
+        if first is None:
+            return None
+        begin = float(there.frequency[-1])
+        scale = self.setting.map({FREQUENCY: begin, AMPLITUDE: self.level(begin)}).scale
+        if np.abs((first - there.last) / scale).max() > SAME_MOTION * np.abs(there.last / scale).max():
+            return None
+        curve = self._curve(HarmonicBalance(self.system, (there.coefficients.shape[-1] - 1) // 2), there.scale)
+        motions = zip(there.coefficients, there.frequency.tolist(), strict=True)
+        return self._stretch(curve, np.array([curve.packed(*own) for own in motions])[::-1], "")
+
+    def _is_whole(self, stretch: SeriesStretch) -> bool:
+        """Whether a stretch goes from edge to edge of the window."""
+        return not stretch.end and {*stretch.frequency[[0, -1]].tolist()} == {*self.window}
 
     def _beside(self, balance: HarmonicBalance, known: SeriesStretch) -> tuple[_StableCurve, np.ndarray] | None:
         """Curve, and points (m, d) of its stable stretch beside a known one of at most as many harmonics."""

@@ -88,6 +88,42 @@ def test_a_sweep_beside_that_of_other_values_is_the_one_sought_without_it(monkey
     np.testing.assert_allclose(complex_amplitude(again), complex_amplitude(found), atol=1e-9 * abs(expected).max())
 
 
+def there_and_back(level, direction):
+    """A measured response of two sweeps over the same 25 frequencies."""
+    frequency, ones = np.linspace(3.0, 4.2, 25), np.ones(25)
+    ways = [frequency[:: int(way)] for way in direction]
+    return make_response(
+        np.concatenate(ways), ["mass"], np.ones((1, 50)), level, "N", np.repeat([0.0, 1.0], 25),
+        np.concatenate([way * ones for way in direction]), place="mass", quantity="force",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("direction", [(1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+def test_a_curve_without_folds_is_followed_once_for_sweeps_there_and_back(direction, monkeypatch):
+    values, measured = {**VALUES, "k3": 2e5}, there_and_back(0.1, direction)
+    model = Model(Oscillator(), [CUBIC_STIFFNESS])
+    follow, paths = swept_response_module.swept_path, []
+    monkeypatch.setattr(swept_response_module, "swept_path", lambda *given: paths.append(1) or follow(*given))
+    found, curves = swept_curves(model, values, FORCE, measured)
+    assert len(paths) == 1
+    back = measured.isel(point=measured.sweep.values == 1.0)
+    alone, own = swept_curves(model, values, FORCE, back)
+    expected = complex_amplitude(alone)[0]
+    frequency = back.frequency.values
+    np.testing.assert_allclose(at(found, frequency, 1.0), at(alone, frequency, 0.0), atol=1e-5 * abs(expected).max())
+    assert np.sign(np.diff(found.frequency.values[found.piece.values == 1.0])).max() * direction[1] == 1.0
+    np.testing.assert_allclose(curves[1.0].last, own[1.0].last, atol=1e-5 * abs(own[1.0].last).max())
+
+
+def test_sweeps_there_and_back_over_a_fold_are_those_of_each_alone():
+    values, measured = {**VALUES, "k3": 4e5}, there_and_back(0.6, (1.0, -1.0))
+    model = Model(Oscillator(), [CUBIC_STIFFNESS])
+    jumps = swept_response(model, values, FORCE, measured).attrs["jumps"].split("; ")
+    for sweep, said in zip((0.0, 1.0), jumps, strict=True):
+        alone = swept_response(model, values, FORCE, measured.isel(point=measured.sweep.values == sweep))
+        assert alone.attrs["jumps"] == said
+
+
 def test_a_sweep_whose_derivatives_would_take_too_much_memory_is_followed_anew(monkeypatch):
     measured = make_response(np.linspace(2.8, 3.6, 17), ["mass"], np.ones((1, 17)), 0.2, "N", 0, 1.0)
     found, known = swept_curves(Model(Oscillator()), VALUES, FORCE, measured)
