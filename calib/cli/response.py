@@ -7,6 +7,8 @@ import click
 import numpy as np
 
 from calib.cli.given import bodies_drawn, response_levels, response_window, setting, spare_other_files
+from calib.dynamics.arclength import CLOSED, EDGE_OF_WINDOW, POINTS_ARE_MADE
+from calib.dynamics.branch import Branch
 from calib.dynamics.harmonic_response import TOUCHING, balanced_response
 from calib.dynamics.orbit_kind import FAILED
 from calib.dynamics.response import (
@@ -151,6 +153,19 @@ def _one(response: ResponseBranch) -> Iterator[str]:
     yield f"  period-{branch.periods}, {low} .. {high}, {stable}{apart}"
     for point in branch.points:
         yield f"    {point.kind} at {shown(point.parameter, 'Hz', 8)}"
+    for end, reason in _open_ends(branch):
+        more = "; take more with --most" if reason.endswith(POINTS_ARE_MADE) else ""
+        yield f"    not followed beyond {shown(float(branch.parameter[end]), 'Hz', 7)}: {reason}{more}"
+
+
+def _open_ends(branch: Branch) -> list[tuple[int, str]]:
+    """Indices of the ends at which a curve was left although it goes on, and why."""
+    special = {point.index for point in branch.points}
+    ends = zip((0, branch.parameter.size - 1), branch.ends, strict=True)
+    return [
+        (at, reason) for at, reason in ends
+        if at not in special and reason != CLOSED and not reason.startswith(EDGE_OF_WINDOW)
+    ]  # fmt: skip
 
 
 def _largest(branches: Sequence[ResponseBranch], body: str, index: int) -> Iterator[str]:
@@ -162,4 +177,5 @@ def _largest(branches: Sequence[ResponseBranch], body: str, index: int) -> Itera
         if amplitude[place] > 0.0 and (best is None or amplitude[place] > best[0]):
             best = float(amplitude[place]), float(one.frequency[place])
     if best is not None:
-        yield f"  largest stable first harmonic of {body}: {shown(best[0], 'm')} at {shown(best[1], 'Hz')}"
+        followed = ", of what was followed" if any(_open_ends(one.branch) for one in branches) else ""
+        yield f"  largest stable first harmonic of {body}{followed}: {shown(best[0], 'm')} at {shown(best[1], 'Hz')}"

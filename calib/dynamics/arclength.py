@@ -27,6 +27,7 @@ ARCLENGTH_TOLERANCE = 1e-11  # of the position of a special point along the curv
 MAX_TEST_AT_ROOT = 1e-2  # value of a test function at its root over that at the step's end; above it it has jumped
 
 CLOSED = "the branch closes on itself"
+EDGE_OF_WINDOW, POINTS_ARE_MADE = "edge of the window", "points are made"  # begin and end of what else ends one
 
 
 class CurvePoint(Protocol):
@@ -125,7 +126,7 @@ def run(curve: SolutionCurve[P], start: P, most: int, longest: float = MAX_ARCLE
     while len(points) <= most:
         base = points[-1]
         if any(abs(z - float(t > 0.0)) <= EDGE_ROUNDING for z, t in _parameters(curve, base)):
-            return OneWay(points, marks, f"edge of the window, {curve.where(base)}", False)
+            return OneWay(points, marks, f"{EDGE_OF_WINDOW}, {curve.where(base)}", False)
         ahead, reason = _ahead(curve, base, points[-2] if len(points) > 1 else base, step)
         between = curve.marks(base, ahead) if ahead else []
         if ahead is None or between is None:
@@ -143,7 +144,7 @@ def run(curve: SolutionCurve[P], start: P, most: int, longest: float = MAX_ARCLE
         to_start = start.z - ahead.z
         if np.linalg.norm(to_start) <= step and min(to_start @ ahead.tangent, start.tangent @ ahead.tangent) > 0.0:
             return OneWay([*points, start], marks, CLOSED, False)
-    return OneWay(points, marks, f"{most} points are made", False)
+    return OneWay(points, marks, f"{most} {POINTS_ARE_MADE}", False)
 
 
 def near(

@@ -206,20 +206,3 @@ def in_standard_uncertainties(record: xr.Dataset) -> xr.Dataset:
     return record.assign(
         {part: (("body", "point"), record.variables[part].values / sigma, {"units": "1"}) for part in PARTS}
     )
-
-
-def numbered(frequency: np.ndarray, level: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
-    """Numbers (point,) of the sweeps.
-
-    A new one begins where the stated direction changes, and where the level changes while the frequency does not go on
-    in the direction of the sweep: a level that was measured point by point does not end it.
-    """
-    number, way = np.zeros(frequency.size), 0.0
-    for point in range(1, frequency.size):
-        step = float(np.sign(frequency[point] - frequency[point - 1]))
-        turned = direction is not None and direction[point] != direction[point - 1]
-        onward = step != 0.0 and (direction[point] if direction is not None else way or step) == step
-        new = turned or (level[point] != level[point - 1] and not onward)
-        number[point] = number[point - 1] + new
-        way = 0.0 if new else way or step
-    return number

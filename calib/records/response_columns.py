@@ -8,8 +8,9 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.records.motion_unit import MOTIONS, MotionUnit, motion_quantity, motion_unit
-from calib.records.response import LEVEL_UNITS, check_response, make_response, numbered
+from calib.records.response import LEVEL_UNITS, check_response, make_response
 from calib.records.sheet import Sheet
+from calib.records.sweep_numbers import numbered
 from calib.units import to_si
 
 AMPLITUDE, PHASE, IN_PHASE, QUADRATURE = "amplitude", "phase", "in-phase", "quadrature"
@@ -241,10 +242,7 @@ class _Reading:
     def _sweeps(self) -> tuple[np.ndarray, np.ndarray]:
         """Number of the sweep (point,) and direction (point,)."""
         stated = None if self.columns.direction is None else self._directions(self.columns.direction)
-        if self.columns.sweep is not None:
-            number = self._numbers(self.columns.sweep)
-        else:
-            number = numbered(self.frequency, self.stated, stated)
+        number = self._numbered(stated) if self.columns.sweep is None else self._numbers(self.columns.sweep)
         if stated is not None:
             return number, stated
         direction = np.empty(self.frequency.size)
@@ -258,6 +256,15 @@ class _Reading:
                 )
             direction[points] = -1.0 if (steps < 0.0).any() else 1.0
         return number, direction
+
+    def _numbered(self, direction: np.ndarray | None) -> np.ndarray:
+        number = numbered(self.frequency, self.stated, direction)
+        if number is None:
+            raise CalibError(
+                f"{self.sheet.path}: frequencies and levels of the rows leave it open which of them are one sweep; "
+                "state a column 'sweep', which numbers the sweeps"
+            )
+        return number
 
     def _directions(self, column: str | int) -> np.ndarray:
         words = [str(cell).strip().lower() for cell in self.sheet.find(column)[self.begin : self.end]]

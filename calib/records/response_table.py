@@ -52,7 +52,7 @@ def read_response(path: str | Path, level: StatedLevel | None = None) -> xr.Data
 
     Amplitudes are of a displacement, a velocity or an acceleration, by their unit; the phase is that of the same motion
     before the excitation, unless it says so: `mass phase of displacement [deg]`. Rows are in the order measured. Sweeps
-    are as `calib.records.response.numbered` tells them, unless a column `sweep` numbers them; without a direction it is
+    are as `calib.records.sweep_numbers` tells them, unless a column `sweep` numbers them; without a direction it is
     that from the first to the last frequency.
 
     Parameters

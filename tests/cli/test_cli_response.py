@@ -70,6 +70,13 @@ def test_a_response_says_what_is_on_it_and_leaves_file_and_picture(study):
         assert response.frequency.attrs["units"] == "Hz"
 
 
+def test_a_curve_that_is_not_followed_to_its_end_says_so(study):
+    said = calib("response", study, "--over", "frequency=2.5:4.5", "--levels", "0.1 N", "--most", "12").output
+    assert "    not followed beyond " in said
+    assert "12 points are made; take more with --most" in said
+    assert "largest stable first harmonic of mass, of what was followed: " in said
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
