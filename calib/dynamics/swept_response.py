@@ -1,14 +1,17 @@
 """The response that a measured sweep would have met: what a sweep of its level and direction runs through.
 
 A sweep begins with the motion that Newton's method finds from rest, or, where that is not stable, with the one that a
-run settles to. Where the simulator tells its modal system, the motion is followed by harmonic balance as far as that
-describes it (`calib.dynamics.swept_series`). Otherwise, at each measured frequency Newton's method begins at what the
-two before it extrapolate to; steps are halved where the motion bends, and where it loses its stability or grazes, the
-point is found by pseudo-arclength continuation. The sweep goes on with what a run settles to from there.
+run settles to. Where it turns back from the sweep before, the motion may have gone on from there: if it is another one,
+the sweep begins with that of the two whose amplitude is nearer to the first measured.
+
+Where the simulator tells its modal system, the motion is followed by harmonic balance as far as that describes it
+(`calib.dynamics.swept_series`). Otherwise, at each measured frequency Newton's method begins at what the two before it
+extrapolate to; steps are halved where the motion bends, and where it loses its stability or grazes, the point is found
+by pseudo-arclength continuation. The sweep goes on with what a run settles to from there.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import pairwise
@@ -30,12 +33,12 @@ from calib.dynamics.response import (
 )
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import kind_of_run
-from calib.dynamics.swept_series import SeriesStretch, SeriesSweep, series_sweep
+from calib.dynamics.swept_series import SAME_MOTION, SeriesStretch, SeriesSweep, series_sweep
 from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
 from calib.records import OK, failed
 from calib.records.excitation import Excitation
-from calib.records.response import make_response, sweeps
+from calib.records.response import complex_amplitude, make_response, sweeps
 
 WINDOW_MARGIN = 0.05  # beyond the measured frequencies of a sweep, over their range  [1]
 SINGLE_POINT_MARGIN = 0.01  # the same of a single point, over its frequency  [1]
@@ -46,6 +49,8 @@ NEGLIGIBLE_BEND = 1e-3  # the same over the size of the motion  [1]
 MIN_SWEEP_STEP = 0.002  # between two frequencies, over the window  [1]
 MAX_END_POINTS = 60  # one way of the curve on which the end of a stretch is found
 SAME_LEVEL = 1e-12  # relative difference of levels, by rounding  [1]
+MAX_TURN_STEPS = 2.0  # from the last frequency of a sweep to the first of the way back, over its mean step  [1]
+MAX_TURN_LEVEL_STEP = 0.1  # of the level between those, relative  [1]
 MAX_SWEEP_CORRECTIONS = 8  # Newton steps at one frequency
 
 NOT_PERIODIC = "not periodic"  # status of a response one of whose sweeps meets no periodic motion
@@ -79,6 +84,12 @@ class SweptPath:
     pieces: list[Piece | SeriesStretch] = field(default_factory=list)
     jumps: list[tuple[str, float]] = field(default_factory=list)
     reason: str = ""
+
+    @property
+    def last(self) -> tuple[np.ndarray, int]:
+        """State (dimension,) of the section at the last motion, and its period."""
+        piece = self.pieces[-1]
+        return piece.last if isinstance(piece, SeriesStretch) else piece.states[-1], piece.periods
 
 
 def swept_response(
@@ -125,14 +136,18 @@ def swept_curves(
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("frequency", "amplitude", "level", "sweep", "piece")}
     directions, jumps, curves = list[np.ndarray](), list[str](), dict[float, SeriesStretch]()
     met: dict[tuple[bytes, float], SweptPath] = {}
+    last: SweptPath | None = None
     for sweep, points in sweeps(measured):
         direction = float(measured["direction"][points[0]])
         level = level_over_frequency(frequency[points], levels[points])
         asked = _points(frequency[points], levels[points])
         path = met.get((asked, direction))
         if path is None:
-            stops, there = _stops(frequency[points], direction), met.get((asked, -direction))
-            path = met[asked, direction] = _path(setting, level, stops, known.get(sweep), there)
+            stops = _stops(frequency[points], direction)
+            there = last if _turns_back(measured, int(points[0])) else met.get((asked, -direction))
+            off = partial(_distance, setting, level, _measured_sizes(measured, int(points[0]), bodies))
+            path = met[asked, direction] = _path(setting, level, stops, known.get(sweep), there, off)
+        last = path
         if path.reason:
             return failed(bodies, NOT_PERIODIC, f"sweep {sweep:g}: {path.reason}"), {}
         if len(path.pieces) == 1 and isinstance(path.pieces[0], SeriesStretch):
@@ -160,19 +175,69 @@ def _points(frequency: np.ndarray, level: np.ndarray) -> bytes:
     return np.column_stack([frequency, level])[np.lexsort((level, frequency))].tobytes()
 
 
+def _turns_back(measured: xr.Dataset, first: int) -> bool:
+    """Whether a sweep, by its first point, begins the other way where the one before ended, at the level of that."""
+    if first == 0:
+        return False
+    frequency, level, direction = (measured[name].values for name in ("frequency", "level", "direction"))
+    before = measured["sweep"].values[:first] == measured["sweep"].values[first - 1]
+    step = np.ptp(frequency[:first][before]) / max(before.sum() - 1, 1)
+    return bool(
+        direction[first] == -direction[first - 1]
+        and abs(frequency[first] - frequency[first - 1]) <= MAX_TURN_STEPS * step
+        and abs(level[first] / level[first - 1] - 1.0) <= MAX_TURN_LEVEL_STEP
+    )
+
+
 def _path(
     setting: Setting,
     level: Callable[[float], float],
     stops: np.ndarray,
     known: SeriesStretch | None,
     there: SweptPath | None,
+    distance: Callable[[SweptPath], float],
 ) -> SweptPath:
-    """Path of a sweep, beside a known stretch over the same stops, or back along the path `there`, where it can."""
+    """Path of a sweep, beside a known stretch over the same stops where it can.
+
+    there : that of the same points the other way, from whose last motion the sweep may go on
+    distance : of the begin of a path from the first measured point
+    """
     series = series_sweep(setting, level, stops)
     found = series.beside(known) if series and known else None
     if found is None and series and there and isinstance(there.pieces[0], SeriesStretch):
         found = series.backward(there.pieces[0])
-    return SweptPath([found]) if found else swept_path(partial(_map, setting, level), stops, series)
+    if found:
+        return SweptPath([found])
+    maps = partial(_map, setting, level)
+    rest = swept_path(maps, stops, series)
+    if there is None or _begins_with(setting, level, rest, there):
+        return rest
+    onward = swept_path(maps, stops, series, there.last)
+    return min((path for path in (rest, onward) if path.pieces), key=distance, default=rest)
+
+
+def _begins_with(setting: Setting, level: Callable[[float], float], path: SweptPath, there: SweptPath) -> bool:
+    """Whether a path begins with the last motion of the one there."""
+    if not path.pieces or path.pieces[0].periods != there.pieces[-1].periods:
+        return False
+    begin, last = (
+        _amplitudes(setting, level, piece, at) for piece, at in ((path.pieces[0], 0), (there.pieces[-1], -1))
+    )
+    return bool(np.abs(begin - last).max() <= SAME_MOTION * np.abs(last).max())
+
+
+def _measured_sizes(measured: xr.Dataset, point: int, bodies: Sequence[str]) -> dict[int, float]:
+    """Amplitude at a measured point by the number of the body  [m]."""
+    sizes = np.abs(complex_amplitude(measured)[:, point]).tolist()
+    names = map(str, measured.body.values)
+    return {bodies.index(name): size for name, size in zip(names, sizes, strict=True) if name in bodies and size > 0.0}
+
+
+def _distance(setting: Setting, level: Callable[[float], float], sizes: Mapping[int, float], path: SweptPath) -> float:
+    """Distance of the first motion of a path from measured amplitudes: logarithm of their ratio  [1]."""
+    first = np.abs(_amplitudes(setting, level, path.pieces[0], 0))[0]
+    tiny = np.finfo(float).tiny
+    return sum(abs(math.log(max(float(first[body]), tiny) / size)) for body, size in sizes.items())
 
 
 def level_over_frequency(frequency: np.ndarray, level: np.ndarray) -> Callable[[float], float]:
@@ -213,11 +278,14 @@ def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:
     return np.array([*stops, high])[:: int(direction)]
 
 
-def _amplitudes(setting: Setting, level: Callable[[float], float], piece: Piece | SeriesStretch) -> np.ndarray:
-    """Complex amplitudes (m, body) of the displacement of a stretch  [m]."""
+def _amplitudes(
+    setting: Setting, level: Callable[[float], float], piece: Piece | SeriesStretch, at: int | None = None
+) -> np.ndarray:
+    """Complex amplitudes (m, body) of the displacement of a stretch, or of its motion `at` alone, m = 1  [m]."""
+    chosen = slice(None) if at is None else [at]
     if isinstance(piece, SeriesStretch):
-        return piece.amplitude
-    pairs = zip(piece.frequency.tolist(), piece.states, strict=True)
+        return piece.amplitude[chosen]
+    pairs = zip(piece.frequency[chosen].tolist(), piece.states[chosen], strict=True)
     return np.array([harmonics_of_cycle(setting, piece.periods, 1, f, level(f), x)[0][:, 1] for f, x in pairs])
 
 
@@ -225,26 +293,36 @@ def _map(setting: Setting, level: Callable[[float], float], frequency: float) ->
     return setting.map({FREQUENCY: frequency, AMPLITUDE: level(frequency)})
 
 
-def swept_path(maps: Callable[[float], PeriodMap], stops: np.ndarray, series: SeriesSweep | None = None) -> SweptPath:
+def swept_path(
+    maps: Callable[[float], PeriodMap],
+    stops: np.ndarray,
+    series: SeriesSweep | None = None,
+    begin: tuple[np.ndarray, int] | None = None,
+) -> SweptPath:
     """Path of a sweep.
 
     maps : the map at a frequency
     stops : frequencies (n,), n >= 2, that rise or fall  [Hz]
     series : harmonic balance over them, where it serves the simulator
+    begin : state (dimension,) of the section and period of the motion with which it begins; None from rest
     """
-    return _Sweep(maps, stops, series).path
+    return _Sweep(maps, stops, series, begin).path
 
 
 class _Sweep:
     """A sweep on its way."""
 
     def __init__(
-        self, maps: Callable[[float], PeriodMap], stops: np.ndarray, series: SeriesSweep | None = None
+        self,
+        maps: Callable[[float], PeriodMap],
+        stops: np.ndarray,
+        series: SeriesSweep | None,
+        begin: tuple[np.ndarray, int] | None,
     ) -> None:
         self.maps, self.stops, self.path = lru_cache(MAPS_KEPT)(maps), stops, SweptPath()
         self.series = series
         self.direction, self.width = float(np.sign(stops[-1] - stops[0])), float(np.ptp(stops))
-        found = self._begin(float(stops[0]))
+        found = self._begin(float(stops[0])) if begin is None else self._gone_on(float(stops[0]), *begin)
         while found is not None and len(self.path.pieces) < MAX_PIECES:
             found = self._stretch(*found)
         if self.path.pieces:
@@ -259,6 +337,11 @@ class _Sweep:
         if cycle.converged and cycle.stable:
             return frequency, cycle.state, 1
         return self._settled(frequency, map.initial)
+
+    def _gone_on(self, frequency: float, state: np.ndarray, periods: int) -> tuple[float, np.ndarray, int] | None:
+        """Begin with the stable motion of this period at a state; None where there is none."""
+        cycle = shoot(self.maps(frequency), state, periods)
+        return (frequency, cycle.state, periods) if cycle.converged and cycle.stable else None
 
     def _settled(self, frequency: float, state: np.ndarray) -> tuple[float, np.ndarray, int] | None:
         """Go on to the next frequency at which a run settles to a periodic motion; None where there is none."""

@@ -56,6 +56,11 @@ class SeriesStretch(NamedTuple):
     last: np.ndarray
     end: str
 
+    @property
+    def periods(self) -> int:
+        """Of the excitation, in one of the motion."""
+        return 1
+
 
 class _StableCurve(SeriesCurve):
     """A curve that ends at its first special point."""

@@ -88,13 +88,13 @@ def test_a_sweep_beside_that_of_other_values_is_the_one_sought_without_it(monkey
     np.testing.assert_allclose(complex_amplitude(again), complex_amplitude(found), atol=1e-9 * abs(expected).max())
 
 
-def there_and_back(level, direction):
-    """A measured response of two sweeps over the same 25 frequencies."""
-    frequency, ones = np.linspace(3.0, 4.2, 25), np.ones(25)
+def there_and_back(level, direction, high=4.2, amplitude=1.0):
+    """A measured response of two sweeps over the same 25 frequencies [Hz], whose second has another amplitude [m]."""
+    frequency, sizes = np.linspace(3.0, high, 25), np.repeat([1.0, amplitude], 25)
     ways = [frequency[:: int(way)] for way in direction]
     return make_response(
-        np.concatenate(ways), ["mass"], np.ones((1, 50)), level, "N", np.repeat([0.0, 1.0], 25),
-        np.concatenate([way * ones for way in direction]), place="mass", quantity="force",
+        np.concatenate(ways), ["mass"], sizes[None], level, "N", np.repeat([0.0, 1.0], 25),
+        np.repeat(direction, 25), place="mass", quantity="force",
     )  # fmt: skip
 
 
@@ -122,6 +122,25 @@ def test_sweeps_there_and_back_over_a_fold_are_those_of_each_alone():
     for sweep, said in zip((0.0, 1.0), jumps, strict=True):
         alone = swept_response(model, values, FORCE, measured.isel(point=measured.sweep.values == sweep))
         assert alone.attrs["jumps"] == said
+
+
+@pytest.mark.parametrize("by_series", [True, False])
+def test_a_sweep_that_turns_below_the_jump_stays_on_the_motion_that_was_measured(by_series, monkeypatch):
+    if not by_series:
+        monkeypatch.setattr(swept_response_module, "series_sweep", lambda *_: None)
+    model, values = Model(Oscillator(), [CUBIC_STIFFNESS]), {**VALUES, "k3": 4e5}
+    upper, lower = (
+        swept_response(model, values, FORCE, there_and_back(0.6, (1.0, -1.0), 3.7, amplitude))
+        for amplitude in (0.03, 0.006)
+    )
+    assert upper.attrs["jumps"] == ""
+    frequency = np.linspace(3.0, 3.7, 50)
+    expected = at(upper, frequency, 0.0)
+    np.testing.assert_allclose(at(upper, frequency, 1.0), expected, atol=1e-4 * abs(expected).max())
+    assert lower.attrs["jumps"].startswith("sweep 1: fold at 3.508")
+    between = there_and_back(0.6, (1.0, -1.0), 3.7, 0.03)  # as tracked: the way back has frequencies of its own
+    between.frequency[25:] -= 0.01
+    assert swept_response(model, values, FORCE, between).attrs["jumps"] == ""
 
 
 def test_a_sweep_whose_derivatives_would_take_too_much_memory_is_followed_anew(monkeypatch):
