@@ -109,7 +109,7 @@ def _motion(part: Part, selection: Selection, reference: Reference) -> xr.Datase
             "body": ("row", [body for body, _ in part.rows]),
             "channel": ("row", channels),
             "unit": ("row", [record[channel].attrs.get("units", "1") for channel in channels]),
-            "source": ("row", [noise.source for noise in part.noise]),
+            "source": ("row", [part.source_of(noise) for noise in part.noise]),
         },
         attrs={"cycle": part.cycle} | ({} if part.period is None else {"period": part.period}),
     )

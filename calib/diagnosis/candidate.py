@@ -18,6 +18,11 @@ from calib.units import powers
 ABOVE_NYQUIST = "its frequencies are above half the sampling rate of every record"
 NO_FIRST_GUESS = "no record shows it, so that there is no first guess of its size"
 FORM_BOUND_RATIO = 3.0  # of the bounds of an effect's form over the extreme values at which it is tried  [1]
+SENSOR_GAIN, EXCITATION_FACTOR = "channel_gain", "amplitude"  # names of the effect, and of the simulator's parameter
+GAIN_ADVICE = (
+    f"; a gain of all sensors acts on a linear response as a factor on the excitation does: give {EXCITATION_FACTOR!r} "
+    "a window"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,18 +223,22 @@ def _refusal(model: Model, effect: Effect, references: Mapping[str, Reference], 
         return f"{', '.join(changed)} is searched already"
     if effect.site == "numerical":
         return "its error is tested as a condition of the diagnosis, not as a cause"
-    settled = [reference.excitation.harmonic for reference in references.values()]
-    if effect.transient and all(settled):
-        return "it changes with time, and every record is of a motion that has settled"
-    if effect.site == "excitation" and not effect.transient and not any(settled):
-        return "it needs a harmonic excitation"
+    undriven = effect.undriven(reference.excitation for reference in references.values())
+    if undriven:
+        return undriven
+    if effect.transient and all(_settled(one) for one in references.values() if not effect.undriven([one.excitation])):
+        return "it changes with time, and every record that it changes is of a motion that has settled"
     if effect.site == "sensor" and all(reference.is_swept for reference in references.values()):
-        return "it changes what is measured over time, and every record is a frequency response"
+        advice = GAIN_ADVICE if effect.name == SENSOR_GAIN and EXCITATION_FACTOR in own - set(searched) else ""
+        return f"it changes what is measured over time, and every record is a frequency response{advice}"
     if effect.site == "response" and not any(reference.is_swept for reference in references.values()):
         return "it changes what is measured of a frequency response, and no record is one"
-    if effect.quantity and all(one.excitation.quantity != effect.quantity for one in references.values()):
-        return f"it needs a {effect.quantity}, by which no record is excited"
     return ""
+
+
+def _settled(reference: Reference) -> bool:
+    """Whether the motion of a record is simulated without its begin."""
+    return reference.excitation.harmonic and (reference.is_swept or reference.request.settle != 0)
 
 
 def _variants(effect: Effect, scales: Scales, references: Mapping[str, Reference]) -> list[Candidate]:

@@ -1,6 +1,6 @@
 """Causes that are a compromise between two others, and their replacement by the best pair."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -15,7 +15,7 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, is_negligible, rejection
 from calib.diagnosis.replacement import aic, best_pair, is_pair_significant, replaced, without_cause
 from calib.diagnosis.screening import screened
-from calib.diagnosis.stepwise import StepwiseState
+from calib.diagnosis.stepwise import StepwiseState, through_elimination
 from calib.diagnosis.suspect import Cause, Refitted
 
 
@@ -66,6 +66,45 @@ def with_best_pair(fitter: Fitter, state: StepwiseState, candidates: Sequence[Ca
     return state if rejected else state.with_causes(causes, final, reason)
 
 
+def with_pair_beside(
+    fitter: Fitter,
+    state: StepwiseState,
+    stand_ins: Collection[str],
+    base: Fit,
+    candidates: Sequence[Candidate],
+    seed: int,
+) -> StepwiseState | None:
+    """Put the best pair in the place of causes of several sizes, beside the others; None where it explains no more.
+
+    Two effects together may look like a third, but not with one size of it everywhere. Those that a cause of several
+    sizes hides are negligible beside it, so that no search for one more cause finds them.
+
+    Parameters
+    ----------
+    stand_ins : names of those causes, whether they are among the causes still or not
+    base : the model of the others
+    """
+    others = [known for known in state.causes if known[0].name not in stand_ins]
+    beside = [other.candidate for other, _ in others]
+    if len(others) + 2 > CRITERIA.max_causes:
+        return None
+    known = {*stand_ins, *(candidate.name for candidate in beside)}
+    rest = [candidate for candidate in candidates if candidate.name not in known]
+    suspects, threshold = screened(fitter, base, rest, seed, None)
+    pair = best_pair(fitter, base, (), base, suspects, beside)
+    if pair is None or fitter.effort.spent:
+        return None
+    causes, final = [*others, *pair[0]], pair[1]
+    attained = min(state.attained, state.final.chi2) + sum(other.aic_penalty for other, _ in others)
+    if not aic(causes, final) < attained - CRITERIA.aic_tie:
+        return None
+    if any_rejected(fitter, state.null, [cause for cause, _ in causes], final, threshold, base):
+        return None
+    reason = f"{', '.join(stand_ins)} has several sizes, and this pair in its place one each"
+    revised = through_elimination(fitter, state.with_causes(causes, final, reason))
+    return revised if revised.is_explained and revised.names == tuple(cause.name for cause, _ in causes) else None
+
+
 def _fitted_from(fitter: Fitter, state: StepwiseState, other: Fit) -> StepwiseState:
     """Refit the causes from the calibrated values of another model, and take that fit where it explains more.
 
@@ -88,8 +127,18 @@ def _fitted_from(fitter: Fitter, state: StepwiseState, other: Fit) -> StepwiseSt
     return replace(state, causes=tuple(causes), final=fit, elimination=None)
 
 
-def any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: Fit, threshold: float) -> bool:
-    """Whether some cause of a model would be rejected as the last one to enter it."""
+def any_rejected(
+    fitter: Fitter,
+    null: Fit,
+    causes: Sequence[Refitted],
+    final: Fit,
+    threshold: float,
+    reference: Fit | None = None,
+) -> bool:
+    """Whether some cause of a model would be rejected as the last one to enter it.
+
+    reference : model of whose excess misfit a cause must not explain a negligible share; None: the calibrated one
+    """
 
     def rejected(cause: Refitted, own: Fitter) -> bool:
         others = tuple(other.candidate for other in causes if other is not cause)
@@ -99,7 +148,7 @@ def any_rejected(fitter: Fitter, null: Fit, causes: Sequence[Refitted], final: F
         base = own.with_derivatives(base)
         again = cause.refitted(final, base.chi2 - final.chi2)
         made = extension(own.evidence, base, final, again, threshold)
-        return bool(rejection(own.evidence, null, made, further=bool(others)))
+        return bool(rejection(own.evidence, reference or null, made, further=bool(others)))
 
     with closing(fitter.in_turn([partial(rejected, cause) for cause in causes])) as outcomes:
         return any(outcomes)

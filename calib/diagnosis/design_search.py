@@ -280,6 +280,11 @@ class DesignSearch:
                 break
         return best
 
+    @property
+    def _has_contact(self) -> bool:
+        """Whether a motion of the record or of any evaluated point has impacts, so that a test can be without them."""
+        return bool(self.simulated_record.impacts) or any(e.outcome.impacts for e in self.evaluations)
+
     def _checked(
         self, kind: str, evaluation: _Evaluation, separation: Separation, additional: int | None
     ) -> Measurement:
@@ -300,7 +305,12 @@ class DesignSearch:
         outcome = evaluation.outcome
         return Measurement(
             kind=kind,
-            description=described(outcome, self.part.name, self._unit, f"{name} of {body}" if body else ""),
+            description=described(
+                outcome if self._has_contact else replace(outcome, impacts=None),
+                self.part.name,
+                self._unit,
+                f"{name} of {body}" if body else "",
+            ),
             record=self.part.name,
             point=outcome.point,
             channel=f"{body}.{name}" if body else "",

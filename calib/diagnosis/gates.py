@@ -101,7 +101,7 @@ def noise_known(evidence: Evidence) -> Gate:
         for (body, channel), noise, used in zip(part.rows, part.noise, part.used, strict=True):
             if used.any():
                 correlated = ", correlated" if noise.ar.size else ""
-                levels.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({noise.source}{correlated})")
+                levels.append(f"{part.name} {body} {channel}: {noise.sigma:.3g} ({part.source_of(noise)}{correlated})")
     return Gate("noise", True, "; ".join(levels))
 
 
@@ -123,7 +123,7 @@ def above_noise(evidence: Evidence, fit: Fit) -> Gate:
             if ratio < CRITERIA.min_variance_ratio and deviation < -CRITERIA.min_variance_deficit_std:
                 below.append(
                     f"{part.name} {body} {channel}: the residual is {np.sqrt(ratio):.2g} times the noise of "
-                    f"{noise.sigma:.3g} ({noise.source}), {-deviation:.0f} standard deviations below it"
+                    f"{noise.sigma:.3g} ({part.source_of(noise)}), {-deviation:.0f} standard deviations below it"
                 )
     if not below:
         return Gate("noise level", True, "no residual is far below its noise")

@@ -11,6 +11,7 @@ from calib.diagnosis.clock import clock_sensitivity
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.noise import (
     MIN_NOISE_CYCLES,
+    STATED,
     Noise,
     Remainder,
     Repeating,
@@ -26,6 +27,7 @@ from calib.objective import Reference, row_weights
 from calib.objective.outliers import smoothed
 from calib.records import is_response, mean_interval
 from calib.records.cycles import kind_of_motion, mean_cycle
+from calib.records.response import SIGMA_SOURCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +114,7 @@ def gathered(
                 weight=own.weight,
                 clock=(clocks or {}).get(name),
                 sweep=reference.record["sweep"].values if reference.is_swept else None,
+                sigma_source=str(reference.record.attrs.get(SIGMA_SOURCE, STATED)),
             )
         )
     return Evidence(tuple(parts))

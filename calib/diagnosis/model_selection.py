@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.compromise import may_be_compromise, with_best_pair
+from calib.diagnosis.compromise import may_be_compromise, with_best_pair, with_pair_beside
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
@@ -23,11 +23,16 @@ def select(
 ) -> Selection:
     """Select causes one after the other, at most three; then search for each earlier one again beside the others.
 
-    Causes that explain little beside the remainder are eliminated. Where the causes leave more than noise, one of them
-    may be a compromise between two: then the best pair is tried in their place.
+    Causes that explain little beside the remainder are eliminated, and those of several sizes: such a one may stand for
+    two, and the best pair is tried in its place. Where the causes leave more than noise, one of them may be a
+    compromise between two: then the best pair is tried in their place.
     """
     state = forward(fitter, _recalibrated(fitter, null), candidates, seed, on_stage)
     state = _searched_again(fitter, state, candidates, seed)
+    stand_ins = [one.effect for one in state.elimination.left_out if one.reason] if state.elimination else []
+    if stand_ins and not fitter.effort.spent:
+        on_stage("pairs")
+        state = with_pair_beside(fitter, state, stand_ins, state.final, candidates, seed) or state
     if may_be_compromise(fitter, state, candidates) and not fitter.effort.spent:
         on_stage("pairs")
         state = with_best_pair(fitter, state, candidates, seed)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.clock import CLOCK_RATE_STD, clock_sensitivity, time_derivative
-from calib.diagnosis.noise import Noise
+from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.score import variance_along
 
 MIN_POINTS_PER_PARAMETER = 4  # of a sweep in which calibrated parameters may be its own  [count]
@@ -36,6 +36,7 @@ class Part:
         [per unit rate]; None elsewhere
     variance_along_clock : variance of what a model leaves along that change, over the noise's  [1]
     sweep : (n,) number of the sweep that each point of a frequency response belongs to; None over time
+    sigma_source : of the uncertainties that the record holds
     """
 
     name: str
@@ -51,6 +52,7 @@ class Part:
     clock: np.ndarray | None = None
     variance_along_clock: float = 1.0
     sweep: np.ndarray | None = None
+    sigma_source: str = STATED
 
     @property
     def is_swept(self) -> bool:
@@ -61,6 +63,10 @@ class Part:
     def compared_noise(self) -> tuple[Noise, ...]:
         """Noise of the rows that are compared: a row that the excitation prescribes has none."""
         return tuple(noise for noise, used in zip(self.noise, self.used, strict=True) if used.any())
+
+    def source_of(self, noise: Noise) -> str:
+        """From which the level of the noise of a row is known, for readers."""
+        return self.sigma_source if noise.source == STATED else noise.source
 
     def white(self, rows: np.ndarray) -> np.ndarray:
         """Rows (row, n) in units of the noise, one after the other (row * n,)."""

@@ -11,7 +11,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.elimination import several_sizes
 from calib.diagnosis.gain import Gain, gained
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.revision import exchanged, left_out, paired
+from calib.diagnosis.revision import exchanged, left_out, paired, parted
 from calib.diagnosis.rivals import simplest
 from calib.diagnosis.second_cause import with_second_cause
 from calib.diagnosis.selection import Selection
@@ -31,12 +31,13 @@ def revised_by_records(
 
     Where the size of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
     records, each of which determines it well enough to detect the same variation. Where a misfit rises, those of all
-    causes are tried: none is preferred with which that of the same records rises too. Where no rival is better, the
-    cause that differs, or the weakest one, is left out if the others explain enough without it. A single cause may
-    stand for two: the best pair is then tried in its place, at last one that only records held out reveal.
+    causes are tried: none is preferred with which that of the same records rises too. Where no rival is better, a cause
+    that differs may stand for two: the best pair is tried in its place. Otherwise it, or the weakest one, is left out
+    if the others explain enough without it. At last a pair is tried that only records held out reveal.
     """
     selection, gain = _with_gain(fitter, bench, selection, seed)
-    tried = exchanged_by_records = _exchanged_by_records(fitter, bench, selection, gain, seed)
+    exchanged_by_records = _exchanged_by_records(fitter, bench, selection, gain, seed)
+    tried = _parted(fitter, bench, *exchanged_by_records, candidates, seed)
     while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not fitter.effort.spent:
         fewer = left_out(fitter, tried[0], *_least_tenable(tried[0]))
         if fewer is None:
@@ -53,6 +54,21 @@ def revised_by_records(
     if not _stands(*tried):
         return exchanged_by_records
     return _with_rivals_that_stand(fitter, bench, *tried, seed)
+
+
+def _parted(
+    fitter: Fitter, bench: Bench, selection: Selection, gain: Gain, candidates: Sequence[Candidate], seed: int
+) -> tuple[Selection, Gain]:
+    """Put the best pair in the place of one of several causes whose size differs, where all causes stand then."""
+    differing = {one.effect for one in selection.heterogeneous} if len(selection.causes) > 1 else set()
+    for cause in selection.causes:
+        if cause.name not in differing or fitter.effort.spent:
+            continue
+        several = parted(fitter, selection, cause, candidates, seed)
+        outcome = None if several is None else _with_gain(fitter, bench, several, seed)
+        if outcome and _stands(*outcome):
+            return outcome
+    return selection, gain
 
 
 def _stands(selection: Selection, gain: Gain) -> bool:

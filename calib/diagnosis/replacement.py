@@ -108,9 +108,14 @@ def aic(causes: Sequence[Cause], final: Fit) -> float:
 
 
 def best_pair(
-    fitter: Fitter, null: Fit, causes: Sequence[Cause], final: Fit, suspects: Sequence[Screened]
+    fitter: Fitter,
+    null: Fit,
+    causes: Sequence[Cause],
+    final: Fit,
+    suspects: Sequence[Screened],
+    beside: Sequence[Candidate] = (),
 ) -> tuple[list[Cause], Fit] | None:
-    """The two other causes of the least AIC beside the calibrated model, fitted; None where there are no two.
+    """The two other causes of the least AIC beside a model in the place of some, fitted; None where there are no two.
 
     The pairs of the least predicted criterion are fitted, predicted linearly about the model so far: its motion is
     nearer to the measured one than that of the calibrated model, and so is that of any pair that explains as much. Of
@@ -118,8 +123,10 @@ def best_pair(
 
     Parameters
     ----------
-    causes, final : so far; none, and the calibrated model, where nothing is a cause yet
+    null : the calibrated model, with the causes that stay where there are such
+    causes, final : in whose place they are, and the model so far; none, and the calibrated one, without a cause yet
     suspects : others, scored on the residual of `final`
+    beside : the causes that stay
     """
     about = _Linear.without_causes(null, causes, final)
     testable = [s for s in suspects if is_testable(s) and s.signature_columns.any()]
@@ -129,7 +136,7 @@ def best_pair(
     best: tuple[list[Cause], Fit] | None = None
 
     def fitted(pair: Sequence[Scored], own: Fitter) -> Fit:
-        return _fitted_pair(own, null, about, pair, np.inf if best is None else best[1].chi2)
+        return _fitted_pair(own, null, about, pair, beside, np.inf if best is None else best[1].chi2)
 
     with closing(fitter.in_turn([partial(fitted, pair) for pair in different])) as fits:
         for pair in different:
@@ -157,15 +164,20 @@ def _inequivalent(
     return [pair for _, pair in different]
 
 
-def _fitted_pair(fitter: Fitter, null: Fit, about: "_Linear", pair: Sequence[Scored], rival: float) -> Fit:
-    """Fit two suspects from their predicted sizes, or else from where they are absent beside the calibrated model."""
-    candidates = [suspect.candidate for suspect in pair]
+def _fitted_pair(
+    fitter: Fitter, null: Fit, about: "_Linear", pair: Sequence[Scored], beside: Sequence[Candidate], rival: float
+) -> Fit:
+    """Fit two suspects from their predicted sizes, or else from where they are absent beside the model without them."""
+    added, names = [suspect.candidate for suspect in pair], [name for kept in beside for name in kept.absent()]
     values, sizes = about.start(pair)
-    fit = fitter.fit(replace(about.final.point, values=values), candidates, sizes, rival=rival)
+    kept_sizes = {name: values[name] for name in names}
+    start = replace(about.final.point, values=values)
+    fit = fitter.fit(start, [*beside, *added], {**kept_sizes, **sizes}, rival=rival)
     if fit.names:
         return fit
-    absent = {name: size for candidate in candidates for name, size in candidate.absent().items()}
-    return fitter.fit(null.point, candidates, absent, rival=rival)
+    absent = {name: size for candidate in added for name, size in candidate.absent().items()}
+    kept_sizes = {name: null.value(name) for name in names}
+    return fitter.fit(null.point, [*beside, *added], {**kept_sizes, **absent}, rival=rival)
 
 
 def is_pair_significant(

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.compromise import any_rejected, with_best_pair
+from calib.diagnosis.compromise import any_rejected, with_best_pair, with_pair_beside
 from calib.diagnosis.elimination import LeftOut
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import without_cause
@@ -51,6 +51,19 @@ def paired(fitter: Fitter, selection: Selection, candidates: Sequence[Candidate]
     state = state_of(selection)
     revised = with_best_pair(fitter, state, candidates, seed)
     return None if revised is state else as_selection(fitter, through_elimination(fitter, revised))
+
+
+def parted(
+    fitter: Fitter, selection: Selection, cause: Refitted, candidates: Sequence[Candidate], seed: int
+) -> Selection | None:
+    """Return a selection with the best pair in the place of one of several causes; None where it explains no more."""
+    others = [other.candidate for other in selection.causes if other is not cause]
+    base = without_cause(fitter, selection.null, selection.final, cause, others)
+    if not base.names:
+        return None
+    base = fitter.with_derivatives(base)
+    state = with_pair_beside(fitter, state_of(selection), (cause.name,), base, candidates, seed)
+    return None if state is None else as_selection(fitter, state)
 
 
 def left_out(fitter: Fitter, selection: Selection, cause: Refitted, reason: str) -> Selection | None:
