@@ -35,6 +35,10 @@ def misbehave(how):
         np.linalg.solve(np.zeros((2, 2)), np.ones(2))
     if how == "raise at length":
         raise OverflowError("a beam too long, " * 100)
+    if how == "interrupt":
+        raise KeyboardInterrupt
+    if how == "quit":
+        sys.exit(3)
     if how == "refuse":
         raise CalibError("unknown parameter 'alhpa'")
     if how == "exit":

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from calib.cli.status import StudyStatus
 from calib.dynamics.curves import BifurcationCurve
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 from calib.objective import MISFIT
 from calib.records import OK
 from calib.report.pages.verdict import far_sentences, residual_sentences
@@ -173,6 +173,8 @@ def _allowed(parameter: Parameter) -> str:
     low, high = parameter.low, parameter.high
     if math.isinf(low) and math.isinf(high):
         return "any"
+    if low == ABOVE_ZERO and math.isinf(high):
+        return "above 0"
     return f"from {low:g}" if math.isinf(high) else f"up to {high:g}" if math.isinf(low) else f"{low:g} .. {high:g}"
 
 

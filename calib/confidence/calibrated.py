@@ -13,7 +13,7 @@ from calib.confidence.constrained import FittedPoint
 from calib.confidence.covariance import MIN_BLOCK_SIZE
 from calib.confidence.derivatives import Evaluate
 from calib.confidence.local import Confidence, local
-from calib.confidence.noise_propagation import noise_draws
+from calib.confidence.noise_propagation import PROPAGATION_DRAWS, noise_draws
 from calib.confidence.notes import CONFIRMED, EVALUATION
 from calib.confidence.posterior import LogLikelihood, Posterior, sample_posterior
 from calib.confidence.prior import Prior, positions
@@ -193,12 +193,17 @@ def _analysed(
     if isinstance(evaluation, Evaluation) and evaluation.score.residuals is not None:
         residuals = study.objective.residuals(evaluation.records)
         blocks = _blocks(residuals)
-        swept = any(reference.is_swept for reference in study.objective.references.values())
-        if len(study.objective.terms) > 1 or swept:  # residuals of several blocks share the noise of one measurement
+        if foreseen_noise_draws(study):
             noise = noise_draws(study.objective, evaluation.records, study.seed, on_progress=on_progress)
     centre = _outcome(evaluation)
     confidence = local(evaluate, study.space, u, outcome=centre, blocks=blocks, noise_draws=noise)
     return LocalAnalysis(centre, confidence, blocks, noise)
+
+
+def foreseen_noise_draws(study: CalibrationStudy) -> int:
+    """Draws of the noise that confidence in the values takes: residuals of several blocks share one measurement's."""
+    swept = any(reference.is_swept for reference in study.objective.references.values())
+    return PROPAGATION_DRAWS if len(study.objective.terms) > 1 or swept else 0
 
 
 def _blocks(residuals: xr.DataArray) -> np.ndarray:

@@ -88,13 +88,13 @@ def with_pair_beside(
     beside = [other.candidate for other, _ in others]
     if len(others) + 2 > CRITERIA.max_causes:
         return None
-    known = {*stand_ins, *(candidate.name for candidate in beside)}
-    rest = [candidate for candidate in candidates if candidate.name not in known]
-    suspects, threshold = screened(fitter, base, rest, seed, None)
+    tenable = [candidate for candidate in candidates if candidate.name not in stand_ins]
+    kept = {candidate.name for candidate in beside}
+    suspects, threshold = screened(fitter, base, [c for c in tenable if c.name not in kept], seed, None)
     pair = best_pair(fitter, base, (), base, suspects, beside)
     if pair is None or fitter.effort.spent:
         return None
-    causes, final = [*others, *pair[0]], pair[1]
+    causes, final = replaced(fitter, state.null, [*others, *pair[0]], pair[1], tenable, seed, {}, last_too=True)
     attained = min(state.attained, state.final.chi2) + sum(other.aic_penalty for other, _ in others)
     if not aic(causes, final) < attained - CRITERIA.aic_tie:
         return None

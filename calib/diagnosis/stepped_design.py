@@ -6,7 +6,7 @@ from scipy.optimize import nnls
 
 from calib.diagnosis.laboratory import DesignPoint
 from calib.diagnosis.part import Part
-from calib.dynamics.swept_response import level_over_frequency
+from calib.dynamics.level_curve import level_over_frequency
 from calib.records.response import complex_amplitude, has_phase, make_response, sweeps, tolerances, with_amplitude
 
 

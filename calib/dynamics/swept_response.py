@@ -11,7 +11,7 @@ by pseudo-arclength continuation. The sweep goes on with what a run settles to f
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import pairwise
@@ -19,9 +19,9 @@ from types import MappingProxyType
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import PchipInterpolator
 
 from calib.dynamics.branch import MAPS_KEPT, Branch, Special, follow
+from calib.dynamics.level_curve import level_over_frequency
 from calib.dynamics.orbits import shoot
 from calib.dynamics.response import (
     AMPLITUDE,
@@ -48,7 +48,6 @@ MAX_BEND = 0.2  # distance of a motion from the extrapolated one, over that from
 NEGLIGIBLE_BEND = 1e-3  # the same over the size of the motion  [1]
 MIN_SWEEP_STEP = 0.002  # between two frequencies, over the window  [1]
 MAX_END_POINTS = 60  # one way of the curve on which the end of a stretch is found
-SAME_LEVEL = 1e-12  # relative difference of levels, by rounding  [1]
 MAX_TURN_STEPS = 2.0  # from the last frequency of a sweep to the first of the way back, over its mean step  [1]
 MAX_TURN_LEVEL_STEP = 0.1  # of the level between those, relative  [1]
 MAX_SWEEP_CORRECTIONS = 8  # Newton steps at one frequency
@@ -135,19 +134,7 @@ def swept_curves(
         return failed(model.bodies, "impossible value", str(error)), {}
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("frequency", "amplitude", "level", "sweep", "piece")}
     directions, jumps, curves = list[np.ndarray](), list[str](), dict[float, SeriesStretch]()
-    met: dict[tuple[bytes, float], SweptPath] = {}
-    last: SweptPath | None = None
-    for sweep, points in sweeps(measured):
-        direction = float(measured["direction"][points[0]])
-        level = level_over_frequency(frequency[points], levels[points])
-        asked = _points(frequency[points], levels[points])
-        path = met.get((asked, direction))
-        if path is None:
-            stops = _stops(frequency[points], direction)
-            there = last if _turns_back(measured, int(points[0])) else met.get((asked, -direction))
-            off = partial(_distance, setting, level, _measured_sizes(measured, int(points[0]), bodies))
-            path = met[asked, direction] = _path(setting, level, stops, known.get(sweep), there, off)
-        last = path
+    for sweep, direction, level, path in _paths(setting, bodies, measured, known):
         if path.reason:
             return failed(bodies, NOT_PERIODIC, f"sweep {sweep:g}: {path.reason}"), {}
         if len(path.pieces) == 1 and isinstance(path.pieces[0], SeriesStretch):
@@ -168,6 +155,27 @@ def swept_curves(
         source=f"simulated by {model.simulator.name}", place=excitation.place, quantity=excitation.quantity,
     )  # fmt: skip
     return model.measured_response(record.assign(piece=("point", joined["piece"])), values), curves
+
+
+def _paths(
+    setting: Setting, bodies: Sequence[str], measured: xr.Dataset, known: KnownSweeps
+) -> Iterator[tuple[float, float, Callable[[float], float], SweptPath]]:
+    """Yield number, direction, level over frequency, and path of each sweep; one that is repeated is followed once."""
+    frequency, levels = measured["frequency"].values, measured["level"].values
+    met: dict[tuple[bytes, float], SweptPath] = {}
+    last: SweptPath | None = None
+    for sweep, points in sweeps(measured):
+        direction, first = float(measured["direction"][points[0]]), int(points[0])
+        level = level_over_frequency(frequency[points], levels[points])
+        asked = _points(frequency[points], levels[points])
+        path = met.get((asked, direction))
+        if path is None:
+            stops = _stops(frequency[points], direction)
+            there = last if _turns_back(measured, first) else met.get((asked, -direction))
+            distance = partial(_distance, setting, level, _measured_sizes(measured, first, bodies))
+            path = met[asked, direction] = _path(setting, level, stops, known.get(sweep), there, distance)
+        last = path
+        yield sweep, direction, level, path
 
 
 def _points(frequency: np.ndarray, level: np.ndarray) -> bytes:
@@ -238,32 +246,6 @@ def _distance(setting: Setting, level: Callable[[float], float], sizes: Mapping[
     first = np.abs(_amplitudes(setting, level, path.pieces[0], 0))[0]
     tiny = np.finfo(float).tiny
     return sum(abs(math.log(max(float(first[body]), tiny) / size)) for body, size in sizes.items())
-
-
-def level_over_frequency(frequency: np.ndarray, level: np.ndarray) -> Callable[[float], float]:
-    """Amplitude of the excitation at a frequency: a smooth curve through those measured, monotone between them.
-
-    It is a curve without corners (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238) of the logarithm, so that
-    the level stays above 0; beyond the ends it goes on with its slope there. At a frequency that was measured several
-    times it is the mean of the levels there. Corners would be corners of the response, at which its continuation ends.
-    """
-    known, place = np.unique(frequency, return_inverse=True)
-    values = np.log(np.bincount(place, weights=level) / np.bincount(place))
-    if known.size == 1 or np.ptp(values) <= SAME_LEVEL:
-        constant = float(level[0]) if np.ptp(level) <= SAME_LEVEL * level[0] else math.exp(values[0])
-        return lambda at: constant
-    curve = PchipInterpolator(known, values)
-    ends = {at: (float(curve(at)), float(curve(at, 1))) for at in (float(known[0]), float(known[-1]))}
-
-    @lru_cache(maxsize=8)  # the equations at one frequency are asked for several times, one after the other
-    def at_frequency(at: float) -> float:
-        inside = min(max(at, float(known[0])), float(known[-1]))
-        if inside == at:
-            return math.exp(float(curve(at)))
-        value, slope = ends[inside]
-        return math.exp(value + slope * (at - inside))
-
-    return at_frequency
 
 
 def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 
 @force(states=1)
@@ -21,7 +21,7 @@ EFFECT = Effect(
     law=hysteresis,
     parameters=(
         Parameter("hysteresis_force", "m/s^2", 0.0, "yield force per unit mass", null=0.0, low=0.0),
-        Parameter("hysteresis_distance", "m", 1e-4, "yield displacement", low=0.0),
+        Parameter("hysteresis_distance", "m", 1e-4, "yield displacement", low=ABOVE_ZERO),
         Parameter("hysteresis_exponent", "1", 2.0, "sharpness n of yielding", low=1.0),
         Parameter(
             "hysteresis_shape", "1", 0.5, "b: 0.5 unloads elastically, at 1 and n = 1 it is Dahl's", low=0.5, high=1.0

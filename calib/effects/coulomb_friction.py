@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 
 @force
@@ -21,7 +21,7 @@ EFFECT = Effect(
     law=friction,
     parameters=(
         Parameter("friction", "m/s^2", 0.0, "friction per unit mass", null=0.0, low=0.0),
-        Parameter("friction_slip", "m/s", 1e-3, "velocity over which it turns about", low=0.0),
+        Parameter("friction_slip", "m/s", 1e-3, "velocity over which it turns about", low=ABOVE_ZERO),
     ),
     meaning="dry friction on a body: decay is linear in time and stops off zero, odd harmonics",
     equation="-friction tanh(v / friction_slip)",

@@ -13,7 +13,11 @@ def controller(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: n
 
     With s T = q: (840 - 360 q + 60 q^2 - 4 q^3) / (840 + 480 q + 120 q^2 + 16 q^3 + q^4), z the states of its
     controllable canonical form; within 0.5 % up to the angular frequency 3 / T. The body was at zero before the run.
+    Without delay the approximant is 1, and z stays as it is.
     """
+    if p[2] == 0.0:
+        dz[:4] = 0.0
+        return -p[0] * x - p[1] * v
     rate = 1.0 / p[2]
     for k in range(3):
         dz[k] = rate * z[k + 1]
@@ -30,7 +34,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("feedback_stiffness", "1/s^2", 0.0, "gain on the displacement, over mass", null=0.0),
         Parameter("feedback_damping", "1/s", 0.0, "gain on the velocity, over mass", null=0.0),
-        Parameter("feedback_delay", "s", 1e-3, "delay T", low=0.0),
+        Parameter("feedback_delay", "s", 1e-3, "delay T; at 0 the controller answers at once", low=0.0),
     ),
     meaning="an actuator, a servo or a cutting tool that answers late: damping of either sign, by the frequency",
     equation="-feedback_stiffness x(t - T) - feedback_damping v(t - T), T = feedback_delay",

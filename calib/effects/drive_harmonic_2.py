@@ -25,6 +25,7 @@ EFFECT = Effect(
     ),
     meaning="the shaker distorts: a second harmonic at all levels, also without contact",
     equation="+amplitude (h2_cos cos 2 phase + h2_sin sin 2 phase)",
+    drive="harmonic",
     confused=("quadratic_stiffness",),
     cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
 )

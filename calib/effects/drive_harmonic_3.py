@@ -25,6 +25,7 @@ EFFECT = Effect(
     ),
     meaning="the shaker distorts: a third harmonic at all levels, also without contact",
     equation="+amplitude (h3_cos cos 3 phase + h3_sin sin 3 phase)",
+    drive="harmonic",
     confused=("cubic_stiffness", "coulomb_friction", "quadratic_drag"),
     cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",
 )

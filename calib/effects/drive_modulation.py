@@ -20,6 +20,7 @@ EFFECT = Effect(
     parameters=(Parameter("modulation", "1/s", 0.0, "relative growth of the drive per time", null=0.0),),
     meaning="the level of the drive drifts: the amplitude creeps, sidebands",
     equation="+modulation t x",
+    drive="any",
     confused=("channel_drift", "detuning_drift", "damping_drift"),
     transient=True,
     cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",

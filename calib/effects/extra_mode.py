@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 
 @force(states=2)
@@ -28,7 +28,7 @@ EFFECT = Effect(
     law=resonator,
     parameters=(
         Parameter("mode_mass", "1", 0.0, "mass of the resonator over that of the body", null=0.0, low=0.0),
-        Parameter("mode_frequency", "Hz", 100.0, "its own frequency on a body that stands still", low=0.0),
+        Parameter("mode_frequency", "Hz", 100.0, "its own frequency on a body that stands still", low=ABOVE_ZERO),
         Parameter("mode_damping", "1", 0.02, "its damping ratio", low=0.0),
     ),
     meaning="one more mode, as a resonator on the body: ringing after impacts, a dip and a peak over frequency",

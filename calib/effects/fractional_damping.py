@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 DIFFUSIVE_POLES = 4  # nodes that are states
 POLE_RATIO = 7.0  # of neighbouring poles: within 1.5 % over five times the middle frequency either way, 4 % over twenty
@@ -42,7 +42,7 @@ EFFECT = Effect(
         Parameter("fractional_stiffness", "1/s^2", 0.0, "modulus over mass at the middle frequency", null=0.0, low=0.0),
         Parameter("fractional_order", "1", 0.5, "order a: 0 is a spring, 1 a damper", low=0.05, high=0.95),
         Parameter(
-            "fractional_frequency", "Hz", 10.0, "middle of the band of the approximation", kind="numerical", low=0.0
+            "fractional_frequency", "Hz", 10.0, "middle of the approximated band", kind="numerical", low=ABOVE_ZERO
         ),
     ),
     meaning="rubber, polymer or glue: stiffness and loss grow with a power of the frequency",

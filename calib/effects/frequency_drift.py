@@ -22,6 +22,7 @@ EFFECT = Effect(
     parameters=(Parameter("chirp", "Hz/s", 0.0, "rise of the drive's frequency per time", null=0.0),),
     meaning="the generator's clock drifts: the phase of the drive creeps",
     equation="+amplitude (cos(phase + pi chirp t^2) - cos phase)",
+    drive="harmonic",
     confused=("detuning_drift", "drive_modulation", "phase_jitter"),
     transient=True,
     cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",

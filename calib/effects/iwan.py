@@ -4,7 +4,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 FIRST_CELL_EDGE, CELL_RATIO = 1.0 / 16.0, 4.0  # of slip displacements, over the largest; of an edge over the last  [1]
 POWER_LAW_SLIDERS = 3  # sliders that stand for the power law; a fourth is the last to slip
@@ -40,7 +40,7 @@ EFFECT = Effect(
     law=joint,
     parameters=(
         Parameter("iwan_force", "m/s^2", 0.0, "F_S: force per unit mass at which all of it slips", null=0.0, low=0.0),
-        Parameter("iwan_distance", "m", 1e-4, "phi_max: displacement at which all of it slips", low=0.0),
+        Parameter("iwan_distance", "m", 1e-4, "phi_max: displacement at which all of it slips", low=ABOVE_ZERO),
         Parameter("iwan_exponent", "1", -0.5, "chi: loss per cycle ~ amplitude^(3 + chi)", low=-0.95, high=0.0),
         Parameter("iwan_ratio", "1", 0.5, "beta: stiffness lost at the last slip over that lost before", low=0.0),
     ),

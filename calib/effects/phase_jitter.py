@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import excitation
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 
 @excitation
@@ -24,11 +24,12 @@ EFFECT = Effect(
     parameters=(
         Parameter("jitter_sin", "rad", 0.0, "amplitude a of the phase, as a sine of the time", null=0.0),
         Parameter("jitter_cos", "rad", 0.0, "amplitude b of the phase, as a cosine of the time", null=0.0),
-        Parameter("jitter_frequency", "Hz", 50.0, "frequency of the modulation, such as that of the mains", low=0.0),
+        Parameter("jitter_frequency", "Hz", 50.0, "frequency of the modulation, such as hum", low=ABOVE_ZERO),
     ),
     meaning="one tone of the generator's jitter, as hum makes it: sidebands at its frequency about the drive's",
     equation="+amplitude (cos(phase - jitter_sin sin(w t) - jitter_cos (cos(w t) - 1)) - cos phase), "
     "w = 2 pi jitter_frequency",
+    drive="harmonic",
     confused=("frequency_drift", "drive_modulation"),
     transient=True,
     cite="McConnell & Varoto, Vibration Testing: Theory and Practice (2008)",

@@ -4,7 +4,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 
 @force(states=1)
@@ -20,7 +20,7 @@ EFFECT = Effect(
     law=friction,
     parameters=(
         Parameter("dahl_force", "m/s^2", 0.0, "friction per unit mass when it slips", null=0.0, low=0.0),
-        Parameter("dahl_distance", "m", 1e-4, "displacement over which it comes to slip", low=0.0),
+        Parameter("dahl_distance", "m", 1e-4, "displacement over which it comes to slip", low=ABOVE_ZERO),
     ),
     meaning="friction with a stiffness before it slips: the frequency rises at small amplitudes, hysteresis at any",
     equation="-dahl_force z, z' = (v / dahl_distance) (1 - z sgn v)",

@@ -4,7 +4,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import restitution
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 MIN_SPEED_RATIO = 1e-3  # of rate_speed; slower impacts count as that fast, or the last of them would never come to rest
 
@@ -21,7 +21,7 @@ EFFECT = Effect(
     law=falling,
     parameters=(
         Parameter("rate_exponent", "1", 0.0, "exponent n of the speed", null=0.0),
-        Parameter("rate_speed", "m/s", 1.0, "speed at which the coefficient is the simulator's own", low=0.0),
+        Parameter("rate_speed", "m/s", 1.0, "speed at which the coefficient is the simulator's own", low=ABOVE_ZERO),
     ),
     meaning="faster impacts lose more of their speed: the loss depends on the amplitude",
     equation="e = e0 (v / rate_speed)^-rate_exponent",

@@ -12,7 +12,8 @@ MIN_CLEARANCE_RATIO = 0.02  # of the gap at rest; without a floor the gap never 
 @force
 def film(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the clearance x [m] that opens at v [m/s]; p[1] the gap at rest [m]."""
-    ratio = p[1] / max(x, MIN_CLEARANCE_RATIO * p[1])
+    gap = abs(p[1])  # no sign of it gives the film energy
+    ratio = gap / max(x, MIN_CLEARANCE_RATIO * gap)
     return -p[0] * v * ratio * ratio * ratio
 
 
@@ -27,6 +28,7 @@ EFFECT = Effect(
     confused=("interface_shift", "linear_drag", "adhesion"),
     place="interface",
     borrowed=("gap",),
+    positive=("gap",),
     natural={"squeeze": (1e-4, 1e-3, 1e-2)},
     cite="Bao & Yang, Squeeze film air damping in MEMS, Sensors and Actuators A 136 (2007) 3",
 )

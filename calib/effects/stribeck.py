@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.modelling.effect import Effect
 from calib.modelling.laws import force
-from calib.modelling.parameter import Parameter
+from calib.modelling.parameter import ABOVE_ZERO, Parameter
 
 
 @force(states=1)
@@ -23,9 +23,9 @@ EFFECT = Effect(
     law=friction,
     parameters=(
         Parameter("stribeck_force", "m/s^2", 0.0, "friction per unit mass in fast sliding", null=0.0, low=0.0),
-        Parameter("stribeck_distance", "m", 1e-5, "displacement over which it comes to slip", low=0.0),
+        Parameter("stribeck_distance", "m", 1e-5, "displacement over which it comes to slip", low=ABOVE_ZERO),
         Parameter("stribeck_rise", "1", 0.5, "by which it is higher at rest; without it, it is Dahl's", low=0.0),
-        Parameter("stribeck_speed", "m/s", 1e-2, "velocity over which it falls", low=0.0),
+        Parameter("stribeck_speed", "m/s", 1e-2, "velocity over which it falls", low=ABOVE_ZERO),
     ),
     meaning="friction that falls as sliding sets in: sticking at reversals, stick-slip, self-excitation at low speed",
     equation="-stribeck_force z, z' = (v - z |v| / g) / stribeck_distance, "

@@ -1,6 +1,7 @@
 """The contract of a pool, which evaluates a function at many payloads."""
 
 import os
+import re
 import sysconfig
 import time
 import traceback
@@ -17,6 +18,9 @@ NOT_AUTHORED = (  # beginnings of the paths of the interpreter and of calib
     *(sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib")),
     os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep,
     "<frozen ",
+)
+REMOTE_FRAME = re.compile(  # of the text of a traceback
+    r'^  File "(?P<path>.+)", line (?P<number>\d+), in (?P<name>.+)\n    (?P<code>\S.*)$', re.MULTILINE
 )
 REFUSED, RAISED, TIMEOUT, CRASHED, MEMORY = "refused", "raised", "timeout", "crashed", "memory"
 
@@ -86,11 +90,22 @@ def failure(error: BaseException, seconds: float) -> Failure:
     """Return what an exception of a call is to whoever asked for it, `seconds` after the call was handed out."""
     if isinstance(error, CalibError):
         return Failure(REFUSED, str(error), seconds)
-    message, place = f"{type(error).__name__}: {error}", _place(traceback.extract_tb(error.__traceback__))
+    message = f"{type(error).__name__}: {error}".removesuffix(": ")
+    place = _place(_frames(error))
     most = max(MIN_MESSAGE_CHARACTERS, MAX_EXCEPTION_CHARACTERS - len(place))
     if len(message) > most:  # so that a reason that is cut still tells the place
         message = f"{message[:most]} ..."
     return Failure(RAISED, f"{message}{place}", seconds)
+
+
+def _frames(error: BaseException) -> Sequence[traceback.FrameSummary]:
+    """Frames of an exception; of one from another process, whose cause has the text of its traceback, out of that."""
+    if error.__traceback__ is not None or error.__cause__ is None:
+        return traceback.extract_tb(error.__traceback__)
+    return [
+        traceback.FrameSummary(frame["path"], int(frame["number"]), frame["name"], line=frame["code"])
+        for frame in REMOTE_FRAME.finditer(str(error.__cause__))
+    ]
 
 
 def _place(frames: Sequence[traceback.FrameSummary]) -> str:

@@ -1,6 +1,7 @@
 """Effect: a named physical or instrumental cause, absent at its null value."""
 
-from collections.abc import Callable, Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,9 +11,11 @@ from calib.errors import CalibError, nearest
 from calib.modelling.laws import LAW_PARAMETERS, MAX_LAW_PARAMETERS, PYTHON_SITES, SITES, STATES, BoundLaw, Law
 from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Simulator
+from calib.records.excitation import Excitation
 
 ALL = None  # bodies: whatever the simulator has
 PLACES = ("body", "support", "interface")
+DRIVEN_BY = ("", "any", "harmonic")  # what an effect may need of the excitation
 EFFECT_GROUPS = ("stiffness", "damping", "friction", "load", "contact", "structure", "drive", "instrument", "numerics")
 GROUP_OF_SITE = {
     "force": "load", "gap": "contact", "contact": "contact", "restitution": "contact", "stop": "contact",
@@ -66,10 +69,14 @@ class Effect:
         none. A diagnosis suspects it only where its candidates name it
     quantity : of the excitation without which it is absent, such as "force"; "" for none. A diagnosis suspects it only
         where a record has it
+    drive : the excitation without which it is absent: "harmonic", as where its law is in proportion to the amplitude;
+        "any", a harmonic or a recorded one; "" for none. A study has the effect, and a diagnosis suspects it, only
+        where a record has such an excitation
     bodies : on which a force law acts; ALL leaves it to `place`
     place : where a force law acts where no bodies are named: "body" (on all bodies), "support", or "interface", the
         port between two bodies (see `calib.modelling.laws`); the simulator states which bodies are at a place
     borrowed : parameters of the simulator, whose values follow the effect's own in the law's p
+    positive : those of `borrowed` that have to be above 0 where it acts
     changes : of a law of the structure, alternatives of parameters of the simulator that it changes, of which the first
         that the simulator has entirely is taken; of a numerical law, alternatives of what it refines; of a law of the
         stop, alternatives of contacts of which the simulator has one
@@ -95,9 +102,11 @@ class Effect:
     generalises: tuple[str, ...] = ()
     requires: str = ""
     quantity: str = ""
+    drive: str = ""
     bodies: tuple[str, ...] | None = ALL
     place: str = "body"
     borrowed: tuple[str, ...] = ()
+    positive: tuple[str, ...] = ()
     changes: tuple[tuple[str, ...], ...] = ()
     transient: bool = False
     differentiable: bool = True
@@ -125,6 +134,10 @@ class Effect:
             raise CalibError(f"effect {name!r} at place {self.place!r}; force laws act at one of {', '.join(PLACES)}")
         if bool(self.changes) != (self.site in ("structure", "stop", "numerical")):
             raise CalibError(f"effect {name!r} at {self.site!r}: those at structure, stop, numerical state `changes`")
+        if self.drive not in DRIVEN_BY:
+            raise CalibError(f"effect {name!r} needs the drive {self.drive!r}; known are 'harmonic', 'any' and ''")
+        for key in set(self.positive) - set(self.borrowed):
+            raise CalibError(f"effect {name!r} needs {key!r} above 0, but does not borrow it; name it in `borrowed`")
         for key in self.natural:
             if key not in {p.name for p in self.parameters}:
                 raise CalibError(f"effect {name!r} has natural sizes of {key!r}, which is no parameter of it")
@@ -137,6 +150,28 @@ class Effect:
     def at_null(self, values: Mapping[str, float]) -> bool:
         """Whether the effect is absent at these values."""
         return all(values[name] == null for name, null in self.null.items())
+
+    def impossible(self, values: Mapping[str, float]) -> str:
+        """Say which of its own and its borrowed values [SI] the effect cannot act at; "" where it can."""
+        for p in self.parameters:
+            value = values[p.name]
+            if not p.admits(value):
+                return f"{p.name} is {value:g}" + (f", outside {p.interval} {p.unit}" if math.isfinite(value) else "")
+        for name in self.positive:
+            if not values[name] > 0.0:
+                return f"{name} is {values[name]:g}; effect {self.name!r} needs it above 0"
+        return ""
+
+    def undriven(self, excitations: Iterable[Excitation]) -> str:
+        """Why the effect is absent under each of these excitations, "" where it acts under one."""
+        known = list(excitations)
+        if self.quantity and all(one.quantity != self.quantity for one in known):
+            return f"it needs a {self.quantity}, by which no record is excited"
+        if self.drive == "harmonic" and not any(one.harmonic for one in known):
+            return "it needs a harmonic excitation, which no record has"
+        if self.drive == "any" and not any(one.harmonic or one.recorded for one in known):
+            return "it needs an excitation, and every record is a free decay"
+        return ""
 
     def refusal(self, simulator: Simulator) -> str:
         """Why `simulator` cannot take the effect, "" where it can."""

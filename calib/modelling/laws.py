@@ -32,6 +32,9 @@ A force law acts on bodies, or at a port between two: there x is the clearance [
 per unit mass of the body that an impact turns round, positive where it opens the clearance; the other body takes the
 reaction. Laws of one site add up; those in plain Python act one after the other, and the model itself serves them for
 every simulator.
+
+Compiled laws divide as IEEE 754 has it: a division by zero is infinite or NaN, and ends the run. An exception could not
+leave a function that is called by its address: its value would be 0.
 """
 
 import importlib
@@ -81,7 +84,9 @@ def _find(module: str, name: str) -> Law:
 
 def _site(site: str, states: int = 0) -> Callable[[Callable], Law]:
     def decorate(function: Callable) -> Law:
-        compiled = function if site in PYTHON_SITES else njit(SIGNATURES[site], cache=True, nogil=True)(function)
+        compiled = function
+        if site not in PYTHON_SITES:
+            compiled = njit(SIGNATURES[site], cache=True, nogil=True, error_model="numpy")(function)
         return Law(site, compiled, function.__module__, function.__name__, states)
 
     return decorate

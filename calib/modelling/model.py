@@ -118,21 +118,28 @@ class Model:
         CalibError : an unknown parameter, or an excitation that the simulator cannot take
         """
         values, request = self._complete(values), request or Request()
-        own = self._own(values)
-        begins = not excitation.harmonic or request.settle == 0
-        laws = self._laws(values, own, begins)
-        simulator, own = self._replaced(values, own)
-        unserved = self._unserved(simulator, laws)
-        if unserved:
-            record = failed(simulator.bodies, "impossible value", unserved)
+        impossible = self._impossible(values)
+        if impossible:
+            record = failed(self.bodies, "impossible value", impossible)
         else:
-            record = as_record(simulator.run(own, excitation, laws, request), simulator)
+            record = self._simulated(values, excitation, request)
         if record.attrs["status"] == OK:
             for effect in self._acting_at("sensor", values):
                 record = effect.sense(record.assign_attrs({INTERVAL: request.interval}), values)
             record.attrs.pop(INTERVAL, None)
         stated = {name: value if math.isfinite(value) else None for name, value in values.items()}
         return record.assign_attrs(model=self.name, values=json.dumps(stated))
+
+    def _simulated(self, values: Mapping[str, float], excitation: Excitation, request: Request) -> xr.Dataset:
+        """Record of the motion at values that are possible, without the effects on its sensors."""
+        own = self._own(values)
+        begins = not excitation.harmonic or request.settle == 0
+        laws = self._laws(values, own, begins)
+        simulator, own = self._replaced(values, own)
+        unserved = self._unserved(simulator, laws)
+        if unserved:
+            return failed(simulator.bodies, "impossible value", unserved)
+        return as_record(simulator.run(own, excitation, laws, request), simulator)
 
     def measured_response(self, record: xr.Dataset, values: Mapping[str, float]) -> xr.Dataset:
         """Return a simulated frequency response (see `calib.records.response`) as a measurement at `values` has it.
@@ -189,7 +196,7 @@ class Model:
         ------
         CalibError : an unknown parameter, a simulator or an excitation without a period map, or an effect that is
             explicit in time
-        ValueError : these values give nothing that could move
+        ValueError : these values give nothing that could move, or an effect cannot act at them
         """
         _mapped(self.simulator)
         if not 0.0 <= phase < 1.0:
@@ -198,6 +205,9 @@ class Model:
         for effect in self._acting(values):
             if effect.transient:
                 raise CalibError(f"effect {effect.name!r} is explicit in time, and no period is like the one before")
+        impossible = self._impossible(values)
+        if impossible:
+            raise ValueError(impossible)
         own = self._own(values)
         laws = self._laws(values, own, begins=False)
         simulator, own = self._replaced(values, own)
@@ -211,6 +221,10 @@ class Model:
         for name in values:
             self.parameter(name)
         return {**self.nominal, **{name: float(value) for name, value in values.items()}}
+
+    def _impossible(self, values: Mapping[str, float]) -> str:
+        """Say which value [SI] an effect that is present cannot act at; "" where there is none."""
+        return next(filter(None, (effect.impossible(values) for effect in self._acting(values))), "")
 
     def _own(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values of the simulator's parameters, as the effects on the structure change them."""

@@ -1,6 +1,7 @@
 """Parameters, the windows they are searched in, and the unit cube that an optimiser sees."""
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
@@ -10,6 +11,7 @@ import numpy as np
 from calib.errors import CalibError
 
 Scale = Literal["linear", "log"]
+ABOVE_ZERO = sys.float_info.min  # least normal number: `low` of a parameter that excludes zero  [its unit]
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,8 @@ class Parameter:
     """One named number of a model, in SI.
 
     `null` is the value at which the parameter has no influence (None where there is no such value);
-    `low` and `high` bound the values that make sense at all, whatever a study's window says.
+    `low` and `high` bound the values that make sense at all, whatever a study's window says; both are among them, and
+    `low` is ABOVE_ZERO where zero is not, as for a length by which a law divides.
     """
 
     name: str
@@ -28,6 +31,15 @@ class Parameter:
     null: float | None = None
     low: float = -math.inf
     high: float = math.inf
+
+    def admits(self, value: float) -> bool:
+        """Whether the parameter may have a value [its unit]: a finite one within the bounds, or its null."""
+        return value == self.null or (math.isfinite(value) and self.low <= value <= self.high)
+
+    @property
+    def interval(self) -> str:
+        """The bounds as text, such as "[0, 1]", or "(0, inf]" where zero is excluded  [its unit]."""
+        return f"{'(0' if self.low == ABOVE_ZERO else f'[{self.low:g}'}, {self.high:g}]"
 
 
 @dataclass(frozen=True)

@@ -91,10 +91,11 @@ def as_record(returned: object, simulator: Simulator) -> xr.Dataset:
         got = "a dataset without the attribute status"
     else:
         missing = [name for name in ("body", "time") if name not in returned.coords]
-        if not missing:
+        unreal = [name for name, values in returned.variables.items() if np.iscomplexobj(values)]
+        if not missing and not unreal:
             beyond = _beyond(returned)
             return failed(simulator.bodies, "diverged", beyond) if beyond else returned
-        got = f"a dataset without the coordinate {missing[0]}"
+        got = f"complex values of {unreal[0]}" if unreal else f"a dataset without the coordinate {missing[0]}"
     expected = "expected a record, as calib.records.make or calib.records.failed builds it"
     return failed(simulator.bodies, NO_RECORD, f"{type(simulator).__name__}.run returned {got}; {expected}")
 

@@ -62,8 +62,13 @@ def motion_quantity(quantity: str, per: tuple[str, ...] = ()) -> MotionUnit:
     return found
 
 
+def with_gravity(quantity: str) -> str:
+    """Name the acceleration of gravity in an acceleration, "0.02 g" or "9.80665 m/s^2/g", as the registry does."""
+    return GRAVITY.sub(_gravity, quantity)
+
+
 def _motion(written: str, per: tuple[str, ...]) -> MotionUnit | None:
-    written = GRAVITY.sub(_gravity, written)
+    written = with_gravity(written)
     for level in ("", *per):
         for rates, si in enumerate(MOTIONS.values()):
             try:

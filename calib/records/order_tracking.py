@@ -20,17 +20,30 @@ part of the uncertainty.
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.polynomial import legendre, polynomial
-from scipy.fft import next_fast_len
-from scipy.signal import hilbert
 
 from calib.errors import CalibError
 from calib.records.motion_unit import MOTIONS
+from calib.records.order_tracking_sweeps import (
+    MIN_SLOW_VARIANCE_RATIO,
+    MIN_SWEEP_POINTS,
+    rests_between_steps,
+    series_of_steps,
+    steps,
+    sweeps_of_windows,
+)
+from calib.records.order_tracking_windows import (
+    DRIFT_VARIANCE,
+    LEAST_LEVEL_CHANGE,
+    MIN_CHANGE_STD,
+    VALUE_VARIANCE,
+    TrackedWindow,
+    windows_of_cycles,
+)
 from calib.records.record import prescribed
 from calib.records.response import LEVEL_UNITS, check_response, make_response
 from calib.units import plain_number
@@ -38,64 +51,13 @@ from calib.units import plain_number
 STEPPED, SWEPT = "stepped", "swept"
 Sine = Literal["stepped", "swept"]
 CYCLES = 20  # of the excitation in a window, where none is stated  [count]
-SIGNAL_ORDERS, NOISE_ORDERS = 3, 6  # Legendre polynomials of the motion, and of the noise beside it  [count]
-ORDERS_BESIDE = range(2, 6)  # that are fitted beside the motion
-PHASE_DEGREE = SIGNAL_ORDERS - 1  # of the phase of the excitation over a window
-MIN_SAMPLES_PER_UNKNOWN = 2  # in a window
-NYQUIST_SHARE = 0.9  # of the Nyquist frequency, to which a harmonic is fitted  [1]
-MAX_DRIVE_RESIDUAL = 0.3  # rms of the excitation beside one sine, over that sine's, in a window that is used  [1]
-LEAST_CHANGE = 2e-5  # of a frequency, relative, from which it changes  [1]
-MIN_CHANGE_STD = 5.0  # of a frequency, over its standard error, from which it changes  [1]
 SMOOTHED_WINDOWS = 5  # of a sweep over which the variance of the noise is averaged  [count]
-MAX_RATE_CHANGE = 3.0  # of a sweep, from window to window  [1]
-MAX_LEVEL_STEP = 0.1  # of levels that are nearly the same, relative  [1]
-LEAST_DRIFT = 4.0  # of the square of a drift in a step, over its mean by noise, above which it is one  [1]
 CURVATURE_POINTS = 5  # of which the second derivative of a response is determined  [count]
-MIN_SWEEP_POINTS = 4  # of a sweep, or of a series of steps in one direction  [count]
 MAX_LEVEL_DEPARTURE = 3.0  # mean square of the departures of constant levels, over their variance  [1]
-MIN_LEVEL_VARIATION = 1e-3  # relative, of levels that vary  [1]
 MAX_LAG_SHARE = 0.2  # of the response that it may lag behind a sweep, in a point of it  [1]
 MAX_STEP_SHARE = 0.5  # of the response by which it may change from point to point of a sweep  [1]
 MAX_LAG = 3.0  # of the response behind a sweep, over its noise, above which a warning says so  [1]
-VALUE_VARIANCE = 1.0 + 5.0 / 4.0  # of c_0 - c_2 / 2, the value in the middle of a window, over that of c_0  [1]
-DRIFT_VARIANCE = 3.0  # of c_1, the change over half of a window, over that of c_0  [1]
 MAX_CLOCK_DEPARTURE = 0.3  # of the instants from equal intervals, over one  [1]
-
-
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """A window in which the excitation is one sine.
-
-    Attributes
-    ----------
-    number : among all windows of the record
-    time : of its middle  [s]
-    frequency, frequency_sigma : of the excitation in the middle, and its standard uncertainty  [Hz]
-    level : amplitude of the excitation
-    response : (row,) complex amplitude of each motion before the excitation
-    drift : (row,) its change over half of the window
-    variance : (1 + row,) of the noise of either part of a polynomial's coefficient, over 2 j + 1 of the j-th one, of
-        the excitation and of each motion
-    """
-
-    number: int
-    time: float
-    frequency: float
-    frequency_sigma: float
-    level: float
-    response: np.ndarray
-    drift: np.ndarray
-    variance: np.ndarray
-
-    def step_to(self, other: "_Window", noise: float) -> float:
-        """Direction of the frequency from this window to another, 0 where it is no more than noise [Hz] of either."""
-        step = other.frequency - self.frequency
-        least = max(MIN_CHANGE_STD * math.sqrt(2.0) * noise, LEAST_CHANGE * self.frequency)
-        return float(np.sign(step)) if abs(step) > least else 0.0
-
-    def has_level_of(self, other: "_Window") -> bool:
-        """Whether the level of another window is nearly the same."""
-        return abs(self.level - other.level) < MAX_LEVEL_STEP * max(self.level, other.level)
 
 
 def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
@@ -117,10 +79,14 @@ def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
     """
     where = str(record.attrs.get("source", "the record")).partition(",")[0]
     time, drive, rows = _signals(record, where)
-    windows = _windows(time, drive, np.array([row for row, _ in rows.values()]), cycles)
-    noise = float(np.median([one.frequency_sigma for one in windows])) if windows else 0.0
-    used = _moving(windows, noise) if sine == SWEPT else _last_of_each_step(windows, noise)
-    runs = _sweeps(used) if sine == SWEPT else _series(used, noise)
+    motions = np.array([row for row, _ in rows.values()])
+    windows = windows_of_cycles(time, drive, motions, cycles, stepped=sine == STEPPED)
+    used = steps(windows) if sine == STEPPED else []
+    if rests_between_steps(used):
+        text = "the excitation stops between the steps until the motion is at rest; a sweep is said to go on over that"
+        warnings.warn(f"{where}: {text}", stacklevel=2)
+        used = [replace(one, start=0) for one in used]
+    runs = sweeps_of_windows(windows) if sine == SWEPT else series_of_steps(used)
     if not runs:
         raise CalibError(
             f"{where}: the excitation is one sine in {len(windows)} windows of {cycles} cycles, but no "
@@ -165,135 +131,9 @@ def _signals(
     return time, record["excitation"].values, rows
 
 
-def _windows(time: np.ndarray, drive: np.ndarray, rows: np.ndarray, cycles: int) -> list[_Window]:
-    """Windows of so many cycles in which the excitation is one sine, in order."""
-    centred = drive - drive.mean()
-    phase = np.unwrap(np.angle(hilbert(centred, next_fast_len(centred.size))[: centred.size]))
-    advanced = np.maximum.accumulate(phase) / (2.0 * math.pi * cycles)
-    edges = np.searchsorted(advanced, np.arange(math.ceil(advanced[0]), math.floor(advanced[-1]) + 1))
-    found = []
-    for number, (begin, end) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
-        own = slice(begin, end)
-        window = _window(number, time[own], phase[own], np.vstack([drive[own], rows[:, own]]), cycles)
-        if window is not None:
-            found.append(window)
-    return found
-
-
-def _window(number: int, time: np.ndarray, phase: np.ndarray, rows: np.ndarray, cycles: int) -> _Window | None:
-    """Fit a window of the excitation and the motions (1 + row, n); None where the excitation is no sine in it.
-
-    phase : (n,) of the excitation's analytic signal, which noise disturbs
-    """
-    harmonics = [k for k in ORDERS_BESIDE if k * cycles < NYQUIST_SHARE * 0.5 * time.size]
-    unknowns = 2 * (SIGNAL_ORDERS + NOISE_ORDERS + len(harmonics)) + 1
-    if time.size < MIN_SAMPLES_PER_UNKNOWN * unknowns or 2 * cycles > NYQUIST_SHARE * time.size:
-        return None
-    half = 0.5 * (time[-1] - time[0])
-    s = (time - time[0]) / half - 1.0
-    turn = polynomial.polyfit(s, phase, PHASE_DEGREE)
-    for last in (False, True):
-        columns = _columns(s, polynomial.polyval(s, turn), harmonics)
-        solved = rows if last else rows[:1]
-        fitted = np.linalg.lstsq(columns, solved.T, rcond=None)[0]
-        orders = SIGNAL_ORDERS + NOISE_ORDERS
-        c = (fitted[: 2 * orders : 2] + 1j * fitted[1 : 2 * orders : 2]).T
-        if not last:  # the phase with what the fit shows of it
-            ahead = np.unwrap(np.angle(legendre.legval(s, c[0, :SIGNAL_ORDERS])))
-            turn = polynomial.polyfit(s, polynomial.polyval(s, turn) + ahead, PHASE_DEGREE)
-    left = rows[0] - columns @ fitted[:, 0]
-    weight = 2.0 * np.arange(SIGNAL_ORDERS, orders) + 1.0
-    variance = np.mean(np.abs(c[:, SIGNAL_ORDERS:]) ** 2 / weight, axis=1) / 2.0
-    middle = c[:, 0] - 0.5 * c[:, 2]
-    level = float(abs(middle[0]))
-    beside = np.sqrt(np.mean(left**2) + np.sum(np.abs(c[0, SIGNAL_ORDERS:]) ** 2) / 2.0)
-    if not math.sqrt(2.0) * beside < MAX_DRIVE_RESIDUAL * level:
-        return None
-    slope = c[0, 1] / middle[0]
-    noise = math.sqrt(variance[0]) / level
-    before = np.conj(middle[0]) / level
-    return _Window(
-        number=number, time=float(time[0] + half),
-        frequency=float(turn[1] + slope.imag) / (2.0 * math.pi * half),
-        frequency_sigma=math.sqrt(DRIFT_VARIANCE) * noise / (2.0 * math.pi * half),
-        level=level,
-        response=middle[1:] * before,
-        drift=(c[1:, 1] - middle[1:] * slope) * before,
-        variance=variance,
-    )  # fmt: skip
-
-
-def _columns(s: np.ndarray, phase: np.ndarray, harmonics: Sequence[int]) -> np.ndarray:
-    """Columns (n, k): real and imaginary part of each polynomial's coefficient, the mean, and harmonics."""
-    shapes = legendre.legvander(s, SIGNAL_ORDERS + NOISE_ORDERS - 1)
-    both = np.stack([shapes * np.cos(phase)[:, None], -shapes * np.sin(phase)[:, None]], axis=2)
-    further = [part(k * phase) for k in harmonics for part in (np.cos, np.sin)]
-    return np.column_stack([both.reshape(s.size, -1), np.ones(s.size), *further])
-
-
-def _last_of_each_step(windows: Sequence[_Window], noise: float) -> list[_Window]:
-    """Last window of each step, where the motion has settled longest: like the window before it."""
-    pairs = zip(windows[:-1], windows[1:], strict=True)
-    steady = [w for before, w in pairs if not before.step_to(w, noise) and w.has_level_of(before)]
-    return [
-        one
-        for one, after in zip(steady, [*steady[1:], None][: len(steady)], strict=True)
-        if after is None or one.step_to(after, noise) or not one.has_level_of(after) or after.number - one.number > 1
-    ]
-
-
-def _series(steps: Sequence[_Window], noise: float) -> list[list[_Window]]:
-    """Series of steps in one direction; several levels at each frequency are as many series."""
-    at_one_frequency: list[list[_Window]] = []
-    for one in steps:
-        if not at_one_frequency or at_one_frequency[-1][-1].step_to(one, noise):
-            at_one_frequency.append([])
-        at_one_frequency[-1].append(one)
-    levels = int(np.median([len(own) for own in at_one_frequency])) if at_one_frequency else 0
-    if levels > 1:
-        return [
-            run for k in range(levels) for run in _one_way([own[k] for own in at_one_frequency if k < len(own)], noise)
-        ]
-    return _one_way(steps, noise)
-
-
-def _one_way(steps: Sequence[_Window], noise: float) -> list[list[_Window]]:
-    """Runs of steps whose frequency goes on in one direction."""
-    runs, way = [list(steps[:1])], 0.0
-    for before, one in zip(steps[:-1], steps[1:], strict=True):
-        step = before.step_to(one, noise)
-        if not step or (way and step != way):
-            runs.append([])
-            step = 0.0
-        runs[-1].append(one)
-        way = step
-    return [run for run in runs if len(run) >= MIN_SWEEP_POINTS]
-
-
-def _moving(windows: Sequence[_Window], noise: float) -> list[_Window]:
-    """Windows whose neighbours differ in frequency: without those where the excitation waits, or turns."""
-    ends = zip([windows[0], *windows[:-1]], windows, [*windows[1:], windows[-1]], strict=True) if windows else ()
-    return [one for before, one, after in ends if before.step_to(after, noise)]
-
-
-def _sweeps(windows: Sequence[_Window]) -> list[list[_Window]]:
-    """Runs of windows whose frequency goes on in one direction at about one rate, over windows that are missing too."""
-    runs = [list(windows[:1])]
-    for one in windows[1:]:
-        run = runs[-1]
-        step = (one.frequency - run[-1].frequency) / (one.time - run[-1].time)
-        pairs = zip(run[-4:-1], run[-4:][1:], strict=True)
-        before = [(b.frequency - a.frequency) / (b.time - a.time) for a, b in pairs]
-        ratio = step / float(np.median(before)) if before else 1.0
-        if not 1.0 / MAX_RATE_CHANGE < ratio < MAX_RATE_CHANGE:
-            runs.append([])
-        runs[-1].append(one)
-    return [run for run in runs if len(run) >= MIN_SWEEP_POINTS]
-
-
 def _assembled(
-    record: xr.Dataset, runs: Sequence[Sequence[_Window]], rates: Sequence[int], bodies: Sequence[str], sine: Sine,
-    where: str,
+    record: xr.Dataset, runs: Sequence[Sequence[TrackedWindow]], rates: Sequence[int], bodies: Sequence[str],
+    sine: Sine, where: str,
 ) -> xr.Dataset:  # fmt: skip
     """Return the response of the windows of all sweeps."""
     points: list[tuple[np.ndarray, ...]] = []
@@ -309,15 +149,13 @@ def _assembled(
             kept = _is_quasi_steady(amplitude, further, VALUE_VARIANCE * noise)
             _warn_of_lag(where, run, kept, np.sqrt(further / (2.0 * VALUE_VARIANCE * noise)).max(axis=0))
         else:
-            drift = np.abs(np.array([one.drift for one in run]).T * per_motion) ** 2
-            chance = 2.0 * DRIFT_VARIANCE * noise
-            further, kept = np.where(drift > LEAST_DRIFT * chance, drift - chance, 0.0), np.ones(len(run), dtype=bool)
+            further, kept = _departure(run, per_motion, noise), np.ones(len(run), dtype=bool)
         if np.count_nonzero(kept) < MIN_SWEEP_POINTS:
             continue
         sigma = np.sqrt(VALUE_VARIANCE * noise + further / 2.0)
         floor = np.finfo(float).eps * np.abs(amplitude).max(axis=1, keepdims=True)
         one = (
-            frequency, amplitude, _levels(level, variance[0]), np.full(frequency.size, float(number)),
+            frequency, amplitude, _levels(run, variance[0]), np.full(frequency.size, float(number)),
             np.full(frequency.size, np.sign(frequency[-1] - frequency[0])), np.maximum(sigma, floor),
             np.maximum([one.frequency_sigma for one in run], np.finfo(float).eps * frequency),
         )  # fmt: skip
@@ -344,15 +182,30 @@ def _smoothed(variance: np.ndarray) -> np.ndarray:
     return np.asarray((sums[:, begin + width] - sums[:, begin]) / width)
 
 
-def _levels(level: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Levels (point,) of a sweep: their mean where they do not vary by more than noise of this variance (point,)."""
-    mean, chance = float(level.mean()), VALUE_VARIANCE * float(variance.mean())
-    if np.mean((level - mean) ** 2) < max(MAX_LEVEL_DEPARTURE * chance, (MIN_LEVEL_VARIATION * mean) ** 2):
+def _levels(run: Sequence[TrackedWindow], variance: np.ndarray) -> np.ndarray:
+    """Levels (point,) of a sweep: their mean where they do not vary by more than scatter and noise (point,) of them."""
+    level = np.array([one.level for one in run])
+    mean, chance = float(level.mean()), float(np.mean(VALUE_VARIANCE * variance + [one.scatter[0] for one in run]))
+    if np.mean((level - mean) ** 2) < max(MAX_LEVEL_DEPARTURE * chance, (LEAST_LEVEL_CHANGE * mean) ** 2):
         return np.full(level.size, mean)
     return level
 
 
-def _lag(run: Sequence[_Window], amplitude: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def _departure(run: Sequence[TrackedWindow], per_motion: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Mean square of the departure (row, point) of steps from steady motion, less what this noise makes of it.
+
+    The larger of their drift within the window and of their scatter over the windows of the step, in which slow beating
+    with a hum is.
+    """
+    drift = np.abs(np.array([one.drift for one in run]).T * per_motion) ** 2
+    scatter = np.array([one.scatter[1:] for one in run]).T * np.abs(per_motion) ** 2
+    by_noise = ((drift, 2.0 * DRIFT_VARIANCE * noise), (scatter, 2.0 * VALUE_VARIANCE * noise))
+    return np.maximum(
+        *(np.where(own > MIN_SLOW_VARIANCE_RATIO * chance, own - chance, 0.0) for own, chance in by_noise)
+    )
+
+
+def _lag(run: Sequence[TrackedWindow], amplitude: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Square of the lag (row, point) of the response behind a sweep, less what noise of this variance makes of it."""
     omega = 2.0 * math.pi * np.array([one.frequency for one in run])
     rate, level = np.gradient(omega, [one.time for one in run]), np.array([one.level for one in run])
@@ -400,7 +253,7 @@ def _is_quasi_steady(amplitude: np.ndarray, lag: np.ndarray, variance: np.ndarra
     return ~off.any(axis=0)
 
 
-def _warn_of_lag(where: str, run: Sequence[_Window], kept: np.ndarray, ratio: np.ndarray) -> None:
+def _warn_of_lag(where: str, run: Sequence[TrackedWindow], kept: np.ndarray, ratio: np.ndarray) -> None:
     """Say where a response lags behind a sweep, by this ratio (point,) to its noise, and what was left out."""
     way = "up" if run[-1].frequency > run[0].frequency else "down"
 

@@ -20,6 +20,7 @@ from calib.units import to_si
 
 KIND = "frequency response"  # attribute `kind` of such a record
 UNKNOWN_PHASE = "unknown"  # attribute `phases` of one of amplitudes alone: they stand in its in_phase part
+SIGMA_SOURCE = "sigma_source"  # attribute: how the uncertainties were estimated, of a response that does not state them
 PARTS = ("in_phase", "quadrature")
 LEVEL_UNITS = ("N", "m")  # of the quantities by which bodies are excited
 DIMS: Mapping[str, tuple[str, ...]] = {

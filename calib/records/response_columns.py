@@ -1,5 +1,6 @@
 """The columns of a sheet that are a frequency response, and the response that they make."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -8,7 +9,8 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.records.motion_unit import MOTIONS, MotionUnit, motion_quantity, motion_unit
-from calib.records.response import LEVEL_UNITS, check_response, make_response
+from calib.records.phase_unit import doubtful_phase_unit
+from calib.records.response import LEVEL_UNITS, check_response, complex_amplitude, make_response, sweeps
 from calib.records.sheet import Sheet
 from calib.records.sweep_numbers import numbered
 from calib.units import to_si
@@ -120,7 +122,9 @@ class _Reading:
             self.level_unit, sweep, direction, sigma=self._sigma(bodies),
             frequency_sigma=None if own is None else self._frequency_sigma(own), **attrs,
         )  # fmt: skip
-        return check_response(record, str(self.sheet.path))
+        record = check_response(record, str(self.sheet.path))
+        self._doubt_phases(record)
+        return record
 
     def _numbers(self, column: str | int) -> np.ndarray:
         return self.sheet.numbers(column, self.begin, self.end)
@@ -128,12 +132,14 @@ class _Reading:
     def _named(self, column: UnitColumn, error: CalibError) -> CalibError:
         return CalibError(f"{self.sheet.path}: column {column.column!r}: {error}")
 
-    def _in(self, column: UnitColumn, si: str) -> np.ndarray:
+    def _factor(self, column: UnitColumn, si: str) -> float:
         try:
-            factor = to_si(f"({column.scale}) * (1 {column.unit})" if column.scale != 1.0 else f"1 {column.unit}", si)
+            return to_si(f"({column.scale}) * (1 {column.unit})" if column.scale != 1.0 else f"1 {column.unit}", si)
         except CalibError as error:
             raise self._named(column, error) from error
-        return factor * self._numbers(column.column)
+
+    def _in(self, column: UnitColumn, si: str) -> np.ndarray:
+        return self._factor(column, si) * self._numbers(column.column)
 
     def _motion(self, column: UnitColumn, per: tuple[str, ...] = ()) -> MotionUnit:
         try:
@@ -209,6 +215,19 @@ class _Reading:
                 CalibError(f"of is one of {', '.join(MOTIONS)}, got {phase.of!r}{nearest(phase.of, MOTIONS)}"),
             )
         return np.asarray(values * turn * 1j ** (unit.rates - list(MOTIONS).index(phase.of)))
+
+    def _doubt_phases(self, record: xr.Dataset) -> None:
+        """Warn of bodies whose phases may be in another unit than their column states."""
+        own = [points for _, points in sweeps(record)]
+        receptances = np.abs(complex_amplitude(record)) / record["level"].values
+        for body, receptance in zip(self.columns.bodies, receptances, strict=True):
+            phase = self.columns.of_body.get((body, PHASE))
+            if phase is None:
+                continue
+            unit = abs(self._factor(phase, "rad"))
+            doubt = doubtful_phase_unit(self._in(phase, "rad"), unit, receptance, own)
+            if doubt is not None:
+                warnings.warn(f"{self.sheet.path.name}: phase of {body}: {doubt}", stacklevel=2)
 
     def _sigma(self, bodies: Sequence[str]) -> np.ndarray | None:
         """Standard uncertainty (body, point) of either part  [m]; None where none is stated."""

@@ -22,7 +22,7 @@ from calib.records.response_columns import (
     UnitColumn,
     response_of,
 )
-from calib.records.sheet import Sheet
+from calib.records.sheet import Sheet, end_of_rows
 from calib.records.sheet_file import elements, read_sheet
 
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv")
@@ -113,9 +113,7 @@ def read_response_columns(table: ResponseTable) -> xr.Dataset:
         if len(set(sizes.values())) > 1:
             raise CalibError(f"{table.path}: the columns used must have one length, got {sizes}")
         size = sizes[table.columns.frequency.column]
-        last = size if table.last is None else table.last
-        if not table.first < last <= size:
-            raise CalibError(f"{table.path}: rows {table.first} to {last} were asked for, but the file has {size}")
+        last = end_of_rows(table.path, table.first, table.last, size, "rows")
         parts.append((number, response_of(element, table.columns, slice(table.first, last), source=source)))
     if any(len(sweeps(part)) > 1 for _, part in parts) or len(parts) == 1:
         return _joined([part for _, part in parts])

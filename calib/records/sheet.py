@@ -45,6 +45,35 @@ class UnknownColumn(CalibError):
         self.column = column
 
 
+class UnknownRows(CalibError):
+    """Rows that the file does not have; `key` is the one of `first` and `last` that says so."""
+
+    def __init__(self, key: str, message: str):
+        super().__init__(message)
+        self.key = key
+
+
+def end_of_rows(path: Path, first: int, last: int | None, size: int, what: str) -> int:
+    """Row before which those that are asked for end, of `size` in the file.
+
+    Parameters
+    ----------
+    first, last : as those of `calib.records.table.Table`
+    what : the rows are called
+
+    Raises
+    ------
+    UnknownRows : the file does not have them
+    """
+    if last is not None and last <= first:
+        raise UnknownRows("last", f"{path}: last = {last} is not above first = {first}; are they in the wrong order?")
+    if first >= size:
+        raise UnknownRows("first", f"{path}: first = {first} of the {what} was asked for, but the file has {size}")
+    if last is not None and last > size:
+        raise UnknownRows("last", f"{path}: {what} {first} to {last} were asked for, but the file has {size}")
+    return size if last is None else last
+
+
 @dataclass(frozen=True)
 class Sheet:
     """The columns of a file.

@@ -1,5 +1,6 @@
 """A measured table (delimited text, JSON or MATLAB v5) as a record."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,9 +16,12 @@ from calib.records.delimited import TextLayout
 from calib.records.excitation import UNITS as EXCITATION_UNITS
 from calib.records.excitation import Excitation, Quantity
 from calib.records.filter import low_pass
-from calib.records.sheet import Sheet
+from calib.records.motion_unit import MOTIONS, with_gravity
+from calib.records.sheet import Sheet, end_of_rows
 from calib.records.sheet_file import read_sheet
-from calib.units import is_si, to_si
+from calib.units import coherent, in_si, is_si, to_si
+
+CHANNEL_UNITS = {**records.CHANNELS, **MOTIONS}  # SI units of the channels whose columns may have others
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class Channel:
     """A column that is a channel of a body.
 
     `unit` is the column's, `scale` a factor (number, or quantity such as ``"1 m/V"``): unit times scale must have the
-    unit of the channel (`calib.records.record.CHANNELS`; other channels keep the column's SI unit).
+    unit of the channel (`CHANNEL_UNITS`; others keep the column's SI unit). "g" of an acceleration is gravity's.
     `sigma` is the standard uncertainty, a number or quantity of the channel's unit.
     """
 
@@ -149,7 +153,7 @@ def read(table: Table) -> tuple[xr.Dataset, Excitation | None]:
     record = records.make(
         time[selected],
         bodies,
-        {name: rows[:, selected] for name, rows in channels.items()} | _sigmas(table, bodies, units),
+        {name: rows[:, selected] for name, rows in channels.items()} | _sigmas(table, bodies),
         units,
         source=f"{table.path.name}, samples {table.first} to {samples.last}, sha256 {checksum}",
     )
@@ -188,9 +192,7 @@ def _samples(table: Table, content: bytes) -> _Samples:
     if len(set(sizes.values())) > 1:
         raise CalibError(f"{table.path}: the columns used must have one length, got {sizes}")
     size = sizes[used[0]]
-    last = size if table.last is None else table.last
-    if not table.first < last <= size:
-        raise CalibError(f"{table.path}: samples {table.first} to {last} were asked for, but the file has {size}")
+    last = end_of_rows(table.path, table.first, table.last, size, "samples")
     return _Samples(sheet, begin=max(0, table.first - table.margin), last=last, end=min(size, last + table.margin))
 
 
@@ -212,13 +214,21 @@ def si_unit(column: Channel | ExcitationColumn) -> str:
     """
     if isinstance(column, ExcitationColumn):
         return EXCITATION_UNITS[column.quantity]
-    unit = records.CHANNELS.get(column.channel, column.unit)
+    unit = CHANNEL_UNITS.get(column.channel, column.unit)
     if not is_si(unit):
         raise CalibError(
-            f"column {column.column!r}: {column.channel!r} is none of {sorted(records.CHANNELS)}, so its "
-            f"unit is kept and must be one of SI without a factor, got {unit!r}; put the factor into scale"
+            f"column {column.column!r}: {column.channel!r} is none of {sorted(CHANNEL_UNITS)}, so its unit is kept and "
+            f"must be one of SI without a factor, got {unit!r}; {_in_coherent_unit(unit, column.scale)}"
         )
     return unit
+
+
+def _in_coherent_unit(unit: str, scale: str | float) -> str:
+    """Advise the unit and the scale by which a channel in a unit with a factor is stated."""
+    si = coherent(unit)
+    if isinstance(scale, str):
+        return f"write unit = {json.dumps(si)} and, as scale, the number by which the column is multiplied to be in it"
+    return f"write unit = {json.dumps(si)}, scale = {scale * in_si(unit, si):.9g}"
 
 
 def si_factor(column: Channel | ExcitationColumn) -> float:
@@ -230,12 +240,21 @@ def si_factor(column: Channel | ExcitationColumn) -> float:
     """
     unit = si_unit(column)
     try:
-        return to_si(
-            f"1 {column.unit}" if column.scale == 1.0 else f"({column.scale}) * (1 {column.unit})",
-            unit,
-        )
+        return _to_si(f"1 {column.unit}" if column.scale == 1.0 else f"({column.scale}) * (1 {column.unit})", unit)
     except CalibError as error:
         raise CalibError(f"column {column.column!r}: unit times scale must be in {unit!r}: {error}") from error
+
+
+def si_sigma(column: Channel) -> float | None:
+    """Standard uncertainty of a channel in SI; None where none is stated."""
+    return None if column.sigma is None else _to_si(column.sigma, si_unit(column))
+
+
+def _to_si(quantity: str | float, unit: str) -> float:
+    """Value of a quantity in the SI unit of a channel; "g" of an acceleration is that of gravity."""
+    if unit == MOTIONS["acceleration"] and isinstance(quantity, str):
+        quantity = with_gravity(quantity)
+    return to_si(quantity, unit)
 
 
 @contextmanager
@@ -267,11 +286,9 @@ def _channels(
     return rows if table.cutoff is None else {name: low_pass(x, time, table.cutoff) for name, x in rows.items()}
 
 
-def _sigmas(table: Table, bodies: Sequence[str], units: Mapping[str, str]) -> dict[str, np.ndarray]:
+def _sigmas(table: Table, bodies: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the standard uncertainty (body,) of each channel that states one."""
-    stated = {
-        (f"{c.channel}_sigma", c.body): to_si(c.sigma, units[c.channel]) for c in table.channels if c.sigma is not None
-    }
+    stated = {(f"{c.channel}_sigma", c.body): sigma for c in table.channels if (sigma := si_sigma(c)) is not None}
     return {name: _rows(table.path, name, stated, bodies) for name in dict.fromkeys(name for name, _ in stated)}
 
 

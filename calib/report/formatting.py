@@ -2,10 +2,13 @@
 
 import math
 import re
+from decimal import Decimal
 
 from calib.units import reading
 
 MAX_Z = 100.0  # that is written; the tails of the noise are not known so far out  [standard errors]
+MAX_VALUE_DIGITS = 8  # of a value whose error would justify more
+MIN_RELATIVE_HALF = 1e-12  # of a half interval over its value, from which on both are written to one place  [1]
 HALF_WIDTH_ERRORS_95 = 1.96  # of a 95 % interval of a normal distribution  [standard errors]
 
 
@@ -19,12 +22,28 @@ def number(x: float | str | None, digits: int = 4) -> str:
         return "∞" if x > 0 else "-∞" if x < 0 else "-"
     if x == 0.0:
         return "0"
-    power = math.floor(math.log10(abs(x)))
-    if -4 <= power < 6:
-        text = f"{x:.{max(0, digits - 1 - power)}f}"
-        return text.rstrip("0").rstrip(".") if "." in text else text
-    mantissa = f"{x / 10.0**power:.{digits - 1}f}".rstrip("0").rstrip(".")
-    return f"{mantissa}·10{str(power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
+    power = _power(x, digits)
+    if _is_plain(power):
+        return _without_zeros(f"{x:.{max(0, digits - 1 - power)}f}")
+    return f"{_without_zeros(f'{x:.{digits - 1}e}'.partition('e')[0])}{_ten(power)}"
+
+
+def _power(x: float, digits: int) -> int:
+    """Power of ten of the first digit of a number that is rounded to `digits` significant digits."""
+    return int(f"{x:.{digits - 1}e}".partition("e")[2])
+
+
+def _is_plain(power: int) -> bool:
+    """Whether a number whose first digit has this power of ten is written without one."""
+    return -4 <= power < 6
+
+
+def _ten(power: int) -> str:
+    return "" if _is_plain(power) else f"·{raised(f'10^{power}')}"
+
+
+def _without_zeros(text: str) -> str:
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def distinguishing_digits(low: float, high: float) -> int:
@@ -34,17 +53,18 @@ def distinguishing_digits(low: float, high: float) -> int:
 
 def measured_number(value: float, error: float | None) -> str:
     """Write a value with as many digits as its standard error justifies, 4 to 8 of them."""
-    if not error or not math.isfinite(error) or value == 0.0:
+    if not error or not math.isfinite(error) or not math.isfinite(value) or value == 0.0:
         return number(value)
     digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 2
-    return number(value, min(8, max(4, digits)))
+    return number(value, min(MAX_VALUE_DIGITS, max(4, digits)))
 
 
-def number_beside(half: float, value: float) -> str:
-    """Write a half interval to two digits, with the power of ten that its value is written with."""
-    if not math.isfinite(half) or value == 0.0 or -4 <= (power := math.floor(math.log10(abs(value)))) < 6:
-        return number(_significant(half, 2) if math.isfinite(half) else half, 2)
-    return f"{number(_significant(half / 10.0**power, 2), 2)}·{number(10.0**power, 1).removeprefix('1·')}"
+def number_and_half(value: float, half: float | None) -> tuple[str, str]:
+    """Write a value and its half interval apart, both to the second digit of the latter and with one power of ten."""
+    if half is None or not _share_a_place(value, half):
+        return measured_number(value, half), "" if half is None else number(half, 2)
+    power = _power(max(abs(value), half), 2)
+    return _to_place(value, half, power) + _ten(power), _to_place(half, half, power) + _ten(power)
 
 
 def capitalised(text: str) -> str:
@@ -61,7 +81,7 @@ def quantity(value: float | None, unit: str | None, digits: int = 3, half: float
     """Write an SI value with its unit, in mm, ms, µm or µs where it is small, and its half interval."""
     if value is None:
         return "-"
-    factor, name = reading(unit or "1", max(abs(value), half or 0.0))
+    factor, name = reading(unit or "1", max(abs(_significant(value, digits)), half or 0.0))
     value *= factor
     written = number(_significant(value, digits), digits) if half is None else with_error(value, factor * half)
     return f"{written} {raised(name).replace('um', 'µm').replace('us', 'µs')}".rstrip()
@@ -74,30 +94,33 @@ def _significant(value: float, digits: int) -> float:
 
 def with_error(value: float | None, half: float | None) -> str:
     """Write a value with its half interval, both to the second digit of the latter: ``"2.40 ± 0.16"``."""
-    if value is None or not half or not math.isfinite(half):
+    if value is None or not half or not math.isfinite(half) or not math.isfinite(value):
         return number(value)
-    power = math.floor(math.log10(max(abs(value), half)))
-    if -4 <= power < 6:
-        return f"{_to_place(value, half)} ± {_to_place(half, half)}".replace("-", "−")
-    scale = 10.0**power
-    ten = number(scale, 1).removeprefix("1·")
-    value, half = value / scale, half / scale
-    return f"({_to_place(value, half)} ± {_to_place(half, half)})·{ten}".replace("-", "−")
+    if not _share_a_place(value, half):
+        return " ± ".join(number_and_half(value, half)).replace("-", "−")
+    power = _power(max(abs(value), half), 2)
+    both = f"{_to_place(value, half, power)} ± {_to_place(half, half, power)}".replace("-", "−")
+    return both if _is_plain(power) else f"({both}){_ten(power)}"
 
 
-def _to_place(value: float, half: float) -> str:
-    """Write a value to the place of the second digit of its half interval."""
-    places = 1 - math.floor(math.log10(half))
-    return f"{round(value, places) + 0.0:.{max(0, places)}f}"  # no minus before zero
+def _share_a_place(value: float, half: float) -> bool:
+    """Whether a value can be written to the place of the second digit of its half interval."""
+    return math.isfinite(value) and math.isfinite(half) and half > MIN_RELATIVE_HALF * abs(value)
+
+
+def _to_place(value: float, half: float, power: int) -> str:
+    """Write a value, over ten to a power that is not plain, to the place of the second digit of its half interval."""
+    shift = 0 if _is_plain(power) else power
+    places = 1 - _power(half, 2) + shift
+    rounded_value = round(Decimal(value).scaleb(-shift), places) + 0  # no minus before zero
+    return f"{rounded_value:.{max(0, places)}f}"
 
 
 def rounded(value: float | None, error: float | None) -> str:
     """Write a value to the decimal place of the second digit of twice its error."""
-    if value is None or not error or not math.isfinite(error):
+    if value is None or not error or not math.isfinite(error) or not math.isfinite(value):
         return number(value)
-    if not -4 <= math.floor(math.log10(max(abs(value), 2.0 * error))) < 6:
-        return number(value)
-    return _to_place(value, 2.0 * error).replace("-", "−")
+    return number_and_half(value, 2.0 * error)[0].replace("-", "−")
 
 
 def percent(share: float | None, digits: int = 2) -> str:

@@ -18,10 +18,10 @@ from calib.records import (
 )
 from calib.records.clipping import clipped_runs
 from calib.records.cycles import gaps_in, impact, kind_of_motion, phase_curve
-from calib.records.decay import is_free_decay, release
+from calib.records.decay import is_free_decay, release, smoothed_record
 from calib.records.excitation import UNITS
 from calib.records.repetition import other_frequency
-from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
+from calib.records.response import SIGMA_SOURCE, complex_amplitude, has_phase, sweeps, tolerances
 from calib.records.white_noise import shows_noise
 from calib.report.decay_description import decay_description
 from calib.units import shown
@@ -102,8 +102,8 @@ def response_text(record: xr.Dataset, quantity: str, place: str) -> str:
     )
 
 
-def level_text(record: xr.Dataset, points: np.ndarray) -> str:
-    """Amplitude of the excitation of a sweep, or its range where it follows the frequency."""
+def level_text(record: xr.Dataset, points: np.ndarray | slice) -> str:
+    """Amplitude of the excitation of points, such as those of a sweep, or its range where it follows the frequency."""
     level, unit = record["level"].values[points], str(record["level"].attrs["units"])
     if np.ptp(level) <= STEADY_LEVEL * level.max():
         return shown(float(np.median(level)), unit)
@@ -178,6 +178,7 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
             )
         if (doubt := doubtful_phase(record)) is not None:
             yield doubt
+        yield from doubtful_uncertainties(record)
         return
     names = channels(record)
     for channel in names:
@@ -186,6 +187,7 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
     for key in ("place", "quantity"):
         if key not in record.attrs and stated_period(record) is not None:
             yield f"the excitation is not fully stated (attribute {key!r} is missing); state it in the study"
+    yield from doubtful_uncertainties(record)
     yield from _gaps(record)
     if (doubt := doubtful_frequency(record)) is not None:
         yield doubt
@@ -232,6 +234,32 @@ def doubtful_phase(record: xr.Dataset, name: str = "the record") -> str | None:
     )
 
 
+def doubtful_uncertainties(record: xr.Dataset, name: str = "the record") -> Iterator[str]:
+    """Warn of stated uncertainties (the median of each) above the largest amplitude of what they belong to."""
+    for called, unit, amplitude, sigma in _uncertainties(record):
+        largest, stated = float(amplitude.max()), float(np.median(sigma))
+        if 0.0 < largest < stated:
+            yield (
+                f"{name}: the {called} has a stated standard uncertainty of {shown(stated, unit, 2)}, above its "
+                f"largest amplitude of {shown(largest, unit, 2)}; check the unit of sigma"
+            )
+
+
+def _uncertainties(record: xr.Dataset) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Name and unit of each row that states its uncertainty, its amplitude about the mean (n,), uncertainty (n,)."""
+    for row, body in enumerate(str(b) for b in record.body.values):
+        if is_response(record):
+            if "response_sigma" in record and SIGMA_SOURCE not in record.attrs:
+                sigma = record["response_sigma"].values[row]
+                yield f"response of {body}", "m", np.abs(complex_amplitude(record)[row]), sigma
+            continue
+        for channel in channels(record):
+            stated, values = standard_uncertainty(record, body, channel), record[channel].values[row]
+            if stated is not None:
+                unit = str(record[channel].attrs.get("units", "1"))
+                yield f"{channel} of {body}", unit, np.abs(values - values.mean()), stated
+
+
 def _gaps(record: xr.Dataset) -> Iterator[str]:
     """Name the longest interval in which samples are missing."""
     time = record.time.values
@@ -269,17 +297,37 @@ def _clipped_channels(record: xr.Dataset, body: str) -> Iterator[str]:
 
 
 def _late_release(record: xr.Dataset, body: str) -> Iterator[str]:
-    """Tell when a decay begins that is not released at the first sample."""
+    """Tell when a decay begins whose first samples are a rest, or a motion that the release still disturbs."""
     channel = next((c for c in STATE if c in channels(record)), None)
     if channel is None:
         return
     time = record.time.values
     first = release(time, record[channel].sel(body=body).values)
+    free = _disturbed_until(record, body, channel)
+    begins = []
     if first:
-        yield (
-            f"{body} is at rest until {shown(time[first], 's')}: its decay is analysed from there on, but simulations "
-            f"are released at the first sample; cut off the {first} samples before with `first` of [record.table]"
+        begins.append(f"is at rest until {shown(time[first], 's')}")
+    if free:
+        begins.append(
+            f"does not move freely until {shown(time[free], 's')} (what comes before is not continued to by the motion "
+            "behind it, as when a magnet or a hand lets go with a jerk or slips)"
         )
+    if begins:
+        count = max(first, free)
+        yield (
+            f"{body} {' and '.join(begins)}: its decay is analysed from there on, but simulations are released at the "
+            f"first sample; cut off the {count} samples before with `first` of [record.table]: `first = {count}`, or "
+            f"{count} more than it is"
+        )
+
+
+def _disturbed_until(record: xr.Dataset, body: str, channel: str) -> int:
+    """Index of the first sample of a decay that its release no longer disturbs, 0 where it does not disturb any."""
+    try:
+        decay = smoothed_record(record, body, channel)
+    except CalibError:  # which the description says
+        return 0
+    return int(np.searchsorted(record.time.values, decay.start)) if decay.disturbed and decay.start is not None else 0
 
 
 def _inconsistent_channels(record: xr.Dataset, body: str) -> Iterator[str]:

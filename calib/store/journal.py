@@ -16,7 +16,7 @@ from optuna.trial import FrozenTrial, TrialState
 from calib.store.mirrored import NUMBER, MirroredTrial
 
 JOURNAL = "optuna.log"
-STALE_LOCK_AGE = 2.0  # s, at which a journal's lock can only be that of a dead process
+STALE_LOCK_AGE = 2.0  # s, for which only the lock of a dead process stays the same
 STUDY_OPERATIONS = (
     JournalOperation.CREATE_STUDY,
     JournalOperation.DELETE_STUDY,
@@ -146,14 +146,17 @@ class _Studies(_File):
 
 
 def _unlock(path: Path) -> None:
-    """Wait for the lock of another process; that of a dead one is deleted."""
-    lock = path.with_name(path.name + ".lock")
+    """Wait for the lock of another process; that of a dead one, which stays the same, is deleted."""
+    lock, known, since = path.with_name(path.name + ".lock"), (0, 0), 0.0
     while lock.is_symlink():
         try:
-            age = time.time() - lock.lstat().st_mtime
+            status = lock.lstat()
         except FileNotFoundError:
             break
-        if age > STALE_LOCK_AGE:
+        identity = status.st_ino, status.st_mtime_ns
+        if identity != known:
+            known, since = identity, time.monotonic()  # the clock of modification times may be set back
+        if time.monotonic() - since > STALE_LOCK_AGE:
             lock.unlink(missing_ok=True)
         else:
             time.sleep(0.05)

@@ -140,8 +140,12 @@ def failures(trials: Iterable[Trial]) -> list[list[Trial]]:
 
 
 def one_line(reason: str) -> str:
-    """Return a reason as a trial states it: on one line, of at most `MAX_REASON_CHARACTERS`."""
-    text = " ".join(filter(None, (part.strip() for part in reason.splitlines())))
+    """Return a reason as a trial states it: on one line, of at most `MAX_REASON_CHARACTERS`, that UTF-8 can hold.
+
+    Half a surrogate pair, as in output of a program that is not UTF-8, becomes its escape sequence.
+    """
+    encodable = reason.encode("utf-8", "backslashreplace").decode("utf-8")
+    text = " ".join(filter(None, (part.strip() for part in encodable.splitlines())))
     if len(text) <= MAX_REASON_CHARACTERS:
         return text
     return text[: MAX_REASON_CHARACTERS - len(CUT_MARK)] + CUT_MARK

@@ -19,7 +19,13 @@ RATE_SECONDS = 20.0  # s over which the rate of trials is taken
 
 
 class Progress:
-    """Follows a study: `stage` by stage and, within screen and search, `trial` by trial. Use it in a with block."""
+    """Follows a study: `stage` by stage and, within screen and search, `trial` by trial. Use it in a with block.
+
+    Parameters
+    ----------
+    budget : of trials
+    draws : of the noise, which are propagated to the residuals after the search
+    """
 
     def __init__(
         self,
@@ -27,11 +33,12 @@ class Progress:
         quiet: bool = False,
         console: Console | None = None,
         clock: Callable[[], float] = time.monotonic,
+        draws: int = 0,
     ):
         self._console = console or Console(stderr=True, highlight=False)
         self._quiet = quiet
         self._clock = clock
-        self._budget = budget
+        self._budget, self._draws = budget, draws
         self._stage = "starting"
         self._done = self._failed = 0
         self._part = ""  # of the stage under way that is done
@@ -39,7 +46,7 @@ class Progress:
         self._best: Trial | None = None
         self._ends: list[tuple[float, int]] = []  # when, how many trials by then
         self._screened: list[Trial] = []
-        self._told = clock()
+        self._told = self._drawing = clock()
         self._bars: Bars | None = None
 
     def __enter__(self) -> "Progress":
@@ -57,10 +64,12 @@ class Progress:
             self._bars.start()
         return self
 
-    def __exit__(self, *exception: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
         if self._bars is not None:
             self._bars.stop()
             self._bars = None
+        if kind is KeyboardInterrupt and self._stage == "confidence" and self._draws:
+            self.note("the draws of the noise are not kept: the next run makes them again")
 
     def note(self, text: str) -> None:
         """Say something in a line of its own."""
@@ -106,7 +115,11 @@ class Progress:
 
     def draw(self, done: int, total: int) -> None:
         """Take in that `done` of `total` draws of the noise have been propagated to the residuals."""
+        if not done:
+            self._drawing = self._clock()
         self._part = f"{done}/{total} draws of the noise"
+        if done:
+            self._part += f"  {clock_time((self._clock() - self._drawing) / done * (total - done))} left of them"
         self._show()
 
     def _say_reach(self) -> None:
@@ -135,7 +148,8 @@ class Progress:
         if self._part:
             parts.append(self._part)
         if rate and self._stage in ("screen", "search"):
-            parts.append(f"at most {clock_time((self._budget - self._done) / rate)} left")
+            then = f", then {self._draws} draws of the noise" if self._draws else ""
+            parts.append(f"at most {clock_time((self._budget - self._done) / rate)} left{then}")
         return "  ".join(parts)
 
     def _rate(self) -> float:

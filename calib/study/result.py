@@ -194,7 +194,7 @@ class ChannelResidual:
     ----------
     record, body, channel : that it is of
     ratio : root mean square of the residual in units of the noise, whitened by its autocorrelation  [1]
-    source : of the noise level: "stated in the record" or "cycle to cycle"
+    source : of the noise level: "stated in the record", "estimated by order tracking" or "cycle to cycle"
     is_noise : whether it is no more than noise, a level that is 10 % off allowed for
     """
 

@@ -14,6 +14,7 @@ from calib.records.delimited import TextLayout
 from calib.records.excitation import Excitation, Quantity, unit_of
 from calib.records.motion_unit import motion_quantity, motion_unit
 from calib.records.order_tracking import tracked
+from calib.records.response import SIGMA_SOURCE
 from calib.records.response_columns import (
     AMPLITUDE,
     IN_PHASE,
@@ -25,7 +26,7 @@ from calib.records.response_columns import (
     UnitColumn,
 )
 from calib.records.response_table import ResponseTable, read_response_columns
-from calib.records.sheet import UnknownColumn
+from calib.records.sheet import UnknownColumn, UnknownRows
 from calib.study_file.mistakes import Mistakes
 from calib.study_file.schema import ChannelTable, ExcitationTable, TableTable
 from calib.units import to_si
@@ -74,10 +75,13 @@ def stated_record(
             record, recorded = table.read(_table(how, drive, file))
             if how.tracking is None:
                 return record, recorded
-            return tracked(record, how.tracking.sine, how.tracking.cycles), None
+            response = tracked(record, how.tracking.sine, how.tracking.cycles)
+            return response.assign_attrs({SIGMA_SOURCE: "estimated by order tracking"}), None
         return _response(how, excitation, file, key, mistakes), None
     except UnknownColumn as error:
         mistakes.add((*key, *_place_of(how, error.column)), str(error))
+    except UnknownRows as error:
+        mistakes.add((*key, "table", error.key), str(error))
     return None, None
 
 
@@ -101,9 +105,9 @@ def _check_units(how: TableTable, drive: table.ExcitationColumn | None, key: Key
         place = (*key, "table", "channels", index)
         with mistakes.at(*place, "unit"):
             table.si_factor(channel)
-        if channel.sigma is not None and not mistakes.within(*place):
+        if not mistakes.within(*place):
             with mistakes.at(*place, "sigma"):
-                to_si(channel.sigma, table.si_unit(channel))
+                table.si_sigma(channel)
     uses = Counter(channel.column for channel in how.channels)
     for column in (column for column, count in uses.items() if count > 1):
         where = mistakes.place(*key, "table", "channels")

@@ -1,6 +1,6 @@
 """From a study file to a study: the only room where names become things."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from numbers import Integral
 from pathlib import Path
@@ -176,6 +176,8 @@ def load(
     _check_screen(shape, budget or shape.study.budget, mistakes)
     laboratory = read_laboratory(diagnosis.bench, every, model, mistakes) if complete and model else None
     priors = read_priors(shape.confidence.priors, space, model, mistakes) if space is not None and model else {}
+    if model is not None and complete:
+        _check_driven(model, every.values(), mistakes)
     if model is not None and space is not None and complete:
         check_values(model, space, every.values(), mistakes)
     mistakes.tell()
@@ -250,6 +252,16 @@ def _model(shape: StudyToml, mistakes: Mistakes, results: Path) -> Model | None:
     return model
 
 
+def _check_driven(model: Model, references: Iterable[Reference], mistakes: Mistakes) -> None:
+    """Note effects of the model that are absent from every record by what excites them: nothing shows their size."""
+    excitations = [reference.excitation for reference in references]
+    for index, effect in enumerate(model.effects):
+        with mistakes.at("model", "effects", index):
+            reason = effect.undriven(excitations)
+            if reason:
+                raise CalibError(f"effect {effect.name!r}: {reason}; drop the effect, or add such a record")
+
+
 def _placed(simulator: Simulator, mistakes: Mistakes, results: Path) -> Simulator:
     """Return the simulator, told where its study and the results are, if it wants to know."""
     placed = getattr(simulator, "placed", None)
@@ -285,7 +297,7 @@ def _space(shape: StudyToml, model: Model, known: Mapping[str, Reference | None]
             check_stated(name, model, references)
             parameter = _parameter(name, model, [record.name for record in shape.record])
             fixed[name] = to_si(value, parameter.unit)
-            if not parameter.low <= fixed[name] <= parameter.high:
+            if not parameter.admits(fixed[name]):
                 raise CalibError(_outside(parameter, f"{fixed[name]:g}"))
     return Space(windows, {name: value for name, value in fixed.items() if name not in windows}, start)
 
@@ -306,8 +318,7 @@ def _inside(window: Window, parameter: Parameter) -> Window:
 
 
 def _outside(parameter: Parameter, came: str) -> str:
-    allowed = f"[{parameter.low:g}, {parameter.high:g}] {parameter.unit}"
-    return f"expected values of {parameter.name!r} in {allowed}, got {came}"
+    return f"expected values of {parameter.name!r} in {parameter.interval} {parameter.unit}, got {came}"
 
 
 def _optimiser(shape: StudyToml, mistakes: Mistakes) -> OptimiserMaker | None:

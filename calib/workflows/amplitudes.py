@@ -7,8 +7,9 @@ import numpy as np
 import xarray as xr
 
 from calib.objective import Objective
-from calib.records import CHANNELS, channels, prescribed
+from calib.records import CHANNELS, channels, is_response, prescribed
 from calib.report.formatting import number
+from calib.report.record_description import level_text
 
 MAX_AMPLITUDE_RATIO = 100.0  # of measured to simulated rms, or its inverse: beyond, a unit is suspected  [1]
 
@@ -30,8 +31,11 @@ def implausible_amplitudes(
         (body, channel), ratio = max(ratios.items(), key=lambda item: abs(math.log(item[1])))
         if not 1.0 / MAX_AMPLITUDE_RATIO <= ratio <= MAX_AMPLITUDE_RATIO:
             unit = CHANNELS.get(channel, measured[channel].attrs.get("units", "1"))
-            bare = f"its unit; numbers without a unit are taken as {unit}"
-            advice = "its unit and its column" if name in tables else bare
+            advice = f"its unit; numbers without a unit are taken as {unit}"
+            if is_response(measured):
+                advice = f"its unit and that of the level, {level_text(measured, slice(None))}, which excites the model"
+            elif name in tables:
+                advice = "its unit and its column"
             remarks.append(
                 f"in {name} the measured {channel} of {body} is {number(ratio, 2)} times as large as the simulated one "
                 f"(root mean square about the mean): check {advice}"

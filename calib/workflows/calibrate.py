@@ -10,7 +10,7 @@ from typing import Any
 
 import xarray as xr
 
-from calib.confidence import Confidence, around_best, describe_near_optimal
+from calib.confidence import Confidence, around_best, describe_near_optimal, foreseen_noise_draws
 from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.pool import Failure, in_order
@@ -40,7 +40,7 @@ from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
 from calib.workflows import stored
 from calib.workflows.amplitudes import implausible_amplitudes
-from calib.workflows.calibrated import calibration_command
+from calib.workflows.calibrated import calibration_command, check_free, folder_of_results
 from calib.workflows.doubtful_records import doubtful_records
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
@@ -119,13 +119,14 @@ def calibrate(
     KeyboardInterrupt : stopped by Ctrl-C; the trials are kept
     CalibError : a mistake in the study file; the folder belongs to another study or cannot be written
     """
+    check_free(folder_of_results(path, out))
     file = load(path, budget=budget, jobs=jobs, out=out, pool=pool)
     return calibrate_file(file, file.folder, fresh=fresh, quiet=quiet)
 
 
 def calibrate_file(file: StudyFile, folder: Path, *, fresh: bool = False, quiet: bool = False) -> CalibrationResult:
     """Run a study that is loaded already; its results are in `folder`. The rest as in `calibrate`."""
-    with Progress(file.study.budget, quiet=quiet) as progress:
+    with Progress(file.study.budget, quiet=quiet, draws=foreseen_noise_draws(file.study)) as progress:
         return _calibrate(file, folder, progress, fresh)
 
 
@@ -318,7 +319,7 @@ def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
     )  # fmt: skip
     path = folder / "report.html"
     with whole(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")  # old ledgers hold half surrogate pairs
     return path
 
 

@@ -1,18 +1,19 @@
 """The diagnosis of a study: its calibrated values, the search for what is missing, the files that say so."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from calib.diagnosis.artifacts import write
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import Diagnosis, diagnose
 from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.effort import Budget
 from calib.diagnosis.verdict import NAMED, ONE_OF
-from calib.study_file import load, stated_candidates
+from calib.study_file import StudyFile, load, stated_candidates
 from calib.workflows.calibrate import rebuild_file
-from calib.workflows.calibrated import calibrated_values
+from calib.workflows.calibrated import calibrated_values, check_calibrated, folder_of_results
 from calib.workflows.extension import extended_study
 from calib.workflows.kept_simulations import kept_simulations
 
@@ -60,6 +61,7 @@ def diagnose_study(
     CalibError : a mistake in the study file, the candidates or the budget, or the study has not been calibrated
     """
     limit = Budget.of(budget)
+    check_calibrated(path, folder_of_results(path, out))  # before records are read, which takes long
     file = load(path, jobs=jobs, out=out, pool=pool)
     if candidates is not None:
         file = replace(file, candidates=stated_candidates(candidates, file.path.parent))
@@ -72,10 +74,27 @@ def diagnose_study(
         result = write(diagnosis, file.folder, values, {**file.study.objective.references, **file.others})
         if not diagnosis.cut_short:
             kept.remove()
+    _warn_of_refused(file, diagnosis.refused)
     rebuild_file(file)
-    selection, extended = diagnosis.selection, None
-    if apply and diagnosis.verdict in (NAMED, ONE_OF) and selection is not None and selection.causes:
-        causes = [cause.candidate for cause in selection.causes]
-        transfers = () if diagnosis.gain is None else diagnosis.gain.transfers
-        extended = extended_study(file, selection.final, causes, file.effect_references(), transfers)
-    return result, extended
+    return result, _extended(file, diagnosis) if apply else None
+
+
+def _extended(file: StudyFile, diagnosis: Diagnosis) -> Path | None:
+    """Write the study with the causes of a diagnosis; None where it has none."""
+    selection = diagnosis.selection
+    if diagnosis.verdict not in (NAMED, ONE_OF) or selection is None or not selection.causes:
+        return None
+    causes = [cause.candidate for cause in selection.causes]
+    transfers = () if diagnosis.gain is None else diagnosis.gain.transfers
+    return extended_study(file, selection.final, causes, file.effect_references(), transfers)
+
+
+def _warn_of_refused(file: StudyFile, refused: Mapping[str, str]) -> None:
+    """Name each candidate that the study states by itself and that could not be tested.
+
+    refused : effect -> why it is no candidate
+    """
+    for entry in file.candidates or ():
+        effect = entry.effect(file.path.parent).name
+        if entry.named and effect in refused:
+            warnings.warn(f"candidate {effect!r} was not tested: {refused[effect]}", stacklevel=3)

@@ -1,9 +1,9 @@
-"""Records of a study that contradict what is said of their excitation."""
+"""Records of a study that contradict what is said of them."""
 
 from collections.abc import Iterator
 
 from calib.records import is_response
-from calib.report.record_description import doubtful_frequency, doubtful_phase
+from calib.report.record_description import doubtful_frequency, doubtful_phase, doubtful_uncertainties
 from calib.study_file import StudyFile
 
 
@@ -20,3 +20,4 @@ def doubtful_records(file: StudyFile) -> Iterator[str]:
             doubt = None
         if doubt is not None:
             yield doubt
+        yield from doubtful_uncertainties(reference.record, called)

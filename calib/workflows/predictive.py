@@ -13,10 +13,11 @@ from calib.confidence.bands import PREDICTIVE, predicted_bands
 from calib.confidence.document import PredictedChannelResult, PredictedRecordResult
 from calib.confidence.posterior import Posterior
 from calib.confidence.predictive import MIN_PREDICTIVE_TRUST, PREDICTIVE_DRAWS, PredictedChannel
-from calib.diagnosis.noise import RESIDUAL, Noise
+from calib.diagnosis.noise import RESIDUAL, STATED, Noise
 from calib.execution.pool import Failure
 from calib.objective import Objective
 from calib.records import OK
+from calib.records.response import SIGMA_SOURCE
 from calib.store.chunks import Chunks
 from calib.study import Evaluation
 from calib.study_file import StudyFile
@@ -296,8 +297,9 @@ def _channel_result(
 ) -> PredictedChannelResult:
     values = measured[channel].sel(body=body).values
     counted = np.isfinite(values) & ((channel != "velocity") | (trust >= MIN_PREDICTIVE_TRUST))
+    sources = {**NOISE_SOURCES, STATED: str(measured.attrs.get(SIGMA_SOURCE, STATED))}
     share = own.inside(np.where(counted, values, 0.0), counted)
     return PredictedChannelResult(
         body, channel, None if np.isnan(share) else share, int(counted.sum()), noise.sigma,
-        measured[channel].attrs.get("units", "1"), NOISE_SOURCES.get(noise.source, noise.source),
+        measured[channel].attrs.get("units", "1"), sources.get(noise.source, noise.source),
     )  # fmt: skip

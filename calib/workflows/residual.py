@@ -93,5 +93,6 @@ def _compared(part: Part, view: SimulatedRows) -> list[ChannelResidual]:
         chi2 = float(white @ white)
         excess, std = chi2 - CRITERIA.max_variance_ratio * counted, math.sqrt(2.0 * counted)
         ratio = math.sqrt(chi2 / counted)
-        found.append(ChannelResidual(part.name, body, channel, ratio, noise.source, not significant(excess, std)))
+        source, is_noise = part.source_of(noise), not significant(excess, std)
+        found.append(ChannelResidual(part.name, body, channel, ratio, source, is_noise))
     return found

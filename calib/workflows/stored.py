@@ -22,7 +22,8 @@ from calib.report.pages.base_study import BaseStudy
 from calib.store import Trial
 from calib.store.record_files import best_records
 from calib.study import CalibrationResult, CalibrationStudy, Evaluation, ModelSummary, SearchEnd, result
-from calib.study_file import StudyFile, base_path, extended_part, load, located, results_folder
+from calib.study_file import StudyFile, base_path, extended_part, load, results_folder
+from calib.workflows.calibrated import folder_of_results
 from calib.workflows.evaluations import held_out_references
 
 T = TypeVar("T")
@@ -43,7 +44,7 @@ def stored_study(
     ------
     CalibError : every mistake of the study file
     """
-    folder = results_folder(located(path)) if out is None else Path(out)
+    folder = folder_of_results(path, out)
     known = _of_the_result(folder)
     if known is None:
         return None

@@ -52,6 +52,15 @@ def test_sweeps_of_few_points_without_a_stated_noise_are_told_what_they_need():
     assert noise_known(Evidence((replace(part, noise=(replace(noise, source=STATED),)),))).passed
 
 
+def test_uncertainties_that_were_estimated_are_not_called_stated():
+    rows, number, ones = (("mass", "in_phase"),), np.arange(25.0), np.ones((1, 25))
+    noise, source = Noise(1e-4, np.zeros(0), STATED), "estimated by order tracking"
+    part = Part("low", rows, number, ones, None, 1, (), (noise,), ones > 0.0, ones, sweep=np.zeros(25))
+    stated, tracked = (noise_known(Evidence((one,))).summary for one in (part, replace(part, sigma_source=source)))
+    assert stated == "low mass in_phase: 0.0001 (stated in the record)"
+    assert tracked == f"low mass in_phase: 0.0001 ({source})"
+
+
 class Left:
     """A fit that leaves so much beside the noise, and a finer solver that changes it along a direction of its own."""
 

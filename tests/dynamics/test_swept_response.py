@@ -8,9 +8,10 @@ from scipy.interpolate import CubicSpline
 from calib.dynamics import neighbour_curve, swept_series
 from calib.dynamics import swept_response as swept_response_module
 from calib.dynamics.arclength import run
+from calib.dynamics.level_curve import level_over_frequency
 from calib.dynamics.series_curve import modal_system
 from calib.dynamics.setting import Setting
-from calib.dynamics.swept_response import level_over_frequency, swept_curves, swept_response
+from calib.dynamics.swept_response import swept_curves, swept_response
 from calib.dynamics.swept_series import SeriesSweep, series_sweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS

@@ -51,6 +51,17 @@ def test_what_is_no_record_is_a_failed_run_that_names_the_class(returned, messag
     assert "expected a record" in record.attrs["reason"]
 
 
+def test_complex_values_are_no_record():
+    class Unreal(Echo):
+        def run(self, values, excitation, laws, request):
+            record = super().run(values, excitation, laws, request)
+            return record.assign(velocity=record["velocity"].astype(complex))
+
+    record = Model(Unreal()).run({}, DRIVE)
+    assert record.attrs["status"] == "no record"
+    assert record.attrs["reason"].startswith("Unreal.run returned complex values of velocity; expected a record")
+
+
 def test_a_motion_whose_squares_overflow_has_diverged():
     class Large(Echo):
         def run(self, values, excitation, laws, request):

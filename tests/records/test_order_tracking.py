@@ -147,6 +147,103 @@ def test_several_levels_at_each_frequency_are_a_sweep_each():
     assert np.abs((complex_amplitude(response)[0] - exact) / response.response_sigma.values[0]).max() < 5.0
 
 
+def staircase(frequencies, levels, seconds=7.3, **trouble):
+    """Record of steps of these frequencies and levels, in the order given."""
+    fine = int(seconds * RATE * FINER)
+    phase = 2.0 * np.pi * np.cumsum(np.repeat(frequencies, fine)) / (RATE * FINER)
+    return measured(phase, np.repeat(levels, fine), 9, **{"noise": 1e-3, "hum": 0.0, **trouble})
+
+
+def of_sweeps(response):
+    """Level and frequencies of each sweep."""
+    return [(round(float(own.level[0]), 2), own.frequency.values.round(2)) for _, own in response.groupby("sweep")]
+
+
+SNAKE = np.concatenate([[0.1, 0.3, 1.0], [1.0, 0.3, 0.1]] * 5)
+ALL_BUT_ONE = np.delete(np.arange(30), 13)  # the level 0.3 of the fifth frequency
+
+
+@pytest.mark.parametrize(
+    ("places", "levels", "counts"),
+    [
+        (np.arange(30) // 3, SNAKE, {0.1: 10, 0.3: 10, 1.0: 10}),
+        (ALL_BUT_ONE // 3, np.tile([0.1, 0.3, 1.0], 10)[ALL_BUT_ONE], {0.1: 10, 0.3: 9, 1.0: 10}),
+        (np.arange(20) // 2, np.tile([1.0, 1.06], 10), {1.0: 10, 1.06: 10}),
+    ],
+    ids=["to and fro", "one is missing", "nearly equal"],
+)
+def test_a_step_belongs_to_the_sweep_of_its_level_in_any_order(places, levels, counts):
+    response = tracked(staircase(UP_AND_DOWN[places], levels), STEPPED)
+    assert {level: frequency.size for level, frequency in of_sweeps(response)} == counts
+    assert all(np.ptp(own.level.values) < 5e-3 * own.level.values.mean() for _, own in response.groupby("sweep"))
+
+
+def without_force(record, begin, seconds):
+    force = record.excitation.values.copy()
+    force[int(begin * RATE) : int((begin + seconds) * RATE)] = 0.0
+    return record.assign(excitation=("time", force, {"units": "N"}))
+
+
+def test_a_step_in_which_the_force_cell_is_loose_is_one_point_of_one_sweep():
+    record = without_force(staircase(UP_AND_DOWN[:10], np.ones(10), 12.0), 4 * 12.0 + 5.0, 1.5)
+    ((_, frequencies),) = of_sweeps(tracked(record, STEPPED))
+    assert frequencies == pytest.approx(UP_AND_DOWN[:10], abs=5e-3)
+
+
+def stopped(frequency, begin, seconds, seed=9):
+    """Record of a drive of this frequency (n,), finely sampled, that stops at instants for some seconds."""
+    level = np.ones(frequency.size)
+    for one in begin:
+        level[int(one * RATE * FINER) : int((one + seconds) * RATE * FINER)] = 0.0
+    return measured(2.0 * np.pi * np.cumsum(frequency) / (RATE * FINER), level, seed, noise=1e-3, hum=0.0)
+
+
+def test_a_stop_until_the_motion_is_at_rest_begins_another_sweep():
+    steps = np.repeat([*UP_AND_DOWN[:5], *UP_AND_DOWN[4:10]], int(7.3 * RATE * FINER))
+    counts = [frequencies.size for _, frequencies in of_sweeps(tracked(stopped(steps, [5 * 7.3 - 1.6], 1.6), STEPPED))]
+    assert counts == [5, 6]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the lag
+        both = tracked(stopped(np.linspace(19.0, 26.0, int(140 * RATE * FINER)), [70.0], 2.0), SWEPT)
+    assert [own.direction.values[0] for _, own in both.groupby("sweep")] == [1.0, 1.0]
+
+
+def test_stops_before_every_step_are_said_and_end_no_sweep():
+    steps = np.repeat(UP_AND_DOWN[:10], int(7.3 * RATE * FINER))
+    with pytest.warns(UserWarning, match="sweeps.csv: the excitation stops between the steps"):
+        response = tracked(stopped(steps, 7.3 * np.arange(1, 10) - 1.6, 1.6), STEPPED)
+    assert [frequencies.size for _, frequencies in of_sweeps(response)] == [10]
+
+
+def test_steps_that_return_at_a_repeated_frequency_begin_the_way_back_with_it():
+    levels = np.repeat([0.3, 1.0], 5)
+    response = tracked(staircase(np.array([20, 21, 22, 23, 24, 24, 23, 22, 21, 20.0]), levels), STEPPED)
+    assert [(level, frequencies.size) for level, frequencies in of_sweeps(response)] == [(0.3, 5), (1.0, 5)]
+
+
+@pytest.mark.parametrize("between", [(21.0, 22.2, 120.0), (21.0, 21.0, 20.0)], ids=["slower", "waiting"])
+def test_a_sweep_that_slows_down_or_waits_goes_on(between):
+    begin, end, seconds = between
+    parts = (19.0, 21.0, 40.0), (begin, end, seconds), (end, 26.0, (26.0 - end) / 0.05)
+    frequency = np.concatenate([np.linspace(low, high, int(s * RATE * FINER)) for low, high, s in parts])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the lag
+        response = tracked(measured(2.0 * np.pi * np.cumsum(frequency) / (RATE * FINER), 0.5, 4), SWEPT)
+    assert np.unique(response.sweep.values).tolist() == [0.0]
+    assert np.ptp(response.frequency.values) > 6.5
+
+
+@pytest.mark.parametrize("hum", [0.01, 0.03])
+def test_steps_beside_the_hum_of_the_mains_have_its_beating_in_their_uncertainty(hum):
+    frequencies = np.arange(47.27, 53.3, 0.4)  # 0.13 to 3.3 Hz beside it, in windows of 0.4 s
+    response = tracked(staircase(frequencies, np.full(16, 0.5), 8.0, hum=hum), STEPPED)
+    ((_, tracked_frequencies),) = of_sweeps(response)
+    assert tracked_frequencies == pytest.approx(frequencies, abs=0.05)
+    off = np.abs(departures(response))
+    assert np.sqrt(np.mean(off**2) / 2.0) < 1.2
+    assert off.max() < 4.5
+
+
 @pytest.mark.parametrize("back", [3.0, 10.0, 20.0])
 def test_a_fast_return_between_sweeps_leaves_nothing_that_is_wrong(back):
     up, down = (np.linspace(*ends, int(s * RATE * FINER)) for ends, s in (((19, 26), 140.0), ((26, 19), back)))

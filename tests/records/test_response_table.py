@@ -249,7 +249,7 @@ def test_elements_are_chosen_by_number(held):
         ),
         ("data.hold(*).", {}, r"there is no single column 'data.hold\(1\).frequency'"),
         ("data.held(1).", {"elements": [1]}, "elements are those that '\\*' in the name of a column stands for"),
-        ("data.held(*).", {"first": 2}, "rows 2 to 2 were asked for, but the file has 2"),
+        ("data.held(*).", {"first": 2}, "first = 2 of the rows was asked for, but the file has 2"),
     ],
 )
 def test_an_element_that_is_not_there_is_told(held, prefix, more, message):

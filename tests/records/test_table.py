@@ -32,6 +32,14 @@ def test_columns_become_channels_in_si_and_the_excitation(headed):
     np.testing.assert_array_equal(record.excitation, excitation.value)
 
 
+@pytest.mark.parametrize(("unit", "scale"), [("g", 1.0), ("g", "9.80665 m/s^2/g"), ("V", "1 g/V"), ("m/s^2", 9.80665)])
+def test_g_of_an_acceleration_is_that_of_gravity(headed, unit, scale):
+    record, _ = read(Table(headed, [Channel("x", "mass", "acceleration", unit, scale, sigma="1 mg")], rate=10.0))
+    np.testing.assert_allclose(record.acceleration[0], 9.80665 * np.arange(1.0, 6.0), rtol=1e-15)
+    np.testing.assert_allclose(record.acceleration_sigma, 9.80665e-3, rtol=1e-15)
+    assert record.acceleration.attrs["units"] == "m/s^2"
+
+
 def test_a_slice_starts_at_time_zero_and_the_excitation_keeps_the_margin(headed):
     record, excitation = read(Table(headed, [X], U, time=TimeColumn("t"), first=2, last=4, margin=1))
     np.testing.assert_allclose(record.time, [0.0, 0.1], atol=1e-15)
@@ -356,7 +364,16 @@ def mistake(path, says, text=HEADED, channels=(X,), drive=None, layout=None, **o
         ),
         ("holds no rows", {"text": "\n# nothing\n"}),
         ("samples 3 to 9 were asked for, but the file has 5", {"first": 3, "last": 9}),
-        ("samples 5 to 5 were asked for", {"first": 5}),
+        ("first = 5 of the samples was asked for, but the file has 5", {"first": 5}),
+        ("last = 2 is not above first = 4; are they in the wrong order", {"first": 4, "last": 2}),
+        (
+            """of SI without a factor, got 'mV'; write unit = "V", scale = 0.002""",
+            {"channels": [Channel("x", "mass", "bridge", "mV", 2.0)]},
+        ),
+        (
+            'got .mV.; write unit = "V" and, as scale, the number',
+            {"channels": [Channel("x", "mass", "bridge", "mV", "2 V/V")]},
+        ),
         (
             "column 'x': unit times scale must be in 'm': .*can be given in m",
             {"channels": [Channel("x", "m", "displacement", "V")]},

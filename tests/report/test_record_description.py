@@ -36,6 +36,15 @@ def loop(time):
     return np.cos(20.0 * np.pi * time) + 0.3 * np.cos(40.0 * np.pi * time + 0.5)
 
 
+@pytest.mark.parametrize(("sigma", "said"), [(0.1, False), (3.0, True)])
+def test_an_uncertainty_above_the_amplitude_is_said(sigma, said):
+    time = np.arange(0.0, 3.0, 0.001)
+    record = driven(5.0 + loop(time), time).assign(displacement_sigma=("body", [sigma], {"units": "m"}))
+    told = [line for line in record_warnings(record) if "check the unit of sigma" in line]
+    assert len(told) == said
+    assert all("the displacement of mass has a stated standard uncertainty of 3 m, above its" in line for line in told)
+
+
 def test_a_gap_in_time_is_said():
     time = np.arange(0.0, 3.0, 0.001)
     time = time[(time < 0.9995) | (time > 1.2495)]
@@ -74,3 +83,14 @@ def test_a_decay_that_is_released_late_is_said_with_the_rows_to_leave_out():
     assert line.startswith("mass is at rest until 50")
     assert "with `first` of [record.table]" in line
     assert not [line for line in record_warnings(decay_record(time, linear(time, 20.0, 0.01))) if "at rest" in line]
+
+
+def test_a_decay_whose_release_disturbs_it_is_said_with_the_rows_to_leave_out():
+    time = np.arange(0.0, 2.0, 1.0 / 2048.0)
+    jerk = 0.1 * np.sin(2.0 * np.pi * 83.0 * time) * np.maximum(1.0 - time / 0.02, 0.0)
+    values = noisy(linear(time, 30.0, 0.003) + jerk, 0.002, 6)
+    [line] = [line for line in record_warnings(decay_record(time, values)) if "freely" in line]
+    assert line.startswith("mass does not move freely until ")
+    first = int(line.split("`first = ")[1].split("`")[0])
+    assert 0.01 < time[first] < 0.04
+    assert not [line for line in record_warnings(decay_record(time[first:], values[first:])) if "freely" in line]

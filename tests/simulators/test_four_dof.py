@@ -377,7 +377,7 @@ def test_what_it_cannot_take_is_refused():
         MODEL.run({}, Excitation("centre", "displacement", frequency=26.24, amplitude=1e-3))
     with pytest.raises(CalibError, match="8 numbers"):
         MODEL.run({}, shaker(), Request(initial_state=np.zeros(4)))
-    with pytest.raises(CalibError, match="which times"):
+    with pytest.raises(CalibError, match="no period: state its output times"):
         MODEL.run({}, Excitation("end", "free decay"))
 
 

@@ -10,6 +10,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 import tracemalloc
 import zlib
 from contextlib import closing
@@ -560,9 +561,12 @@ def test_a_damaged_journal_is_set_aside_and_made_anew(tmp_path):
     assert (tmp_path / "optuna.log.damaged").exists()
 
 
-def test_the_lock_of_a_killed_writer_does_not_hold_the_study_up(tmp_path):
+@pytest.mark.parametrize("age", [0.0, 3600.0, -3600.0])
+def test_the_lock_of_a_killed_writer_does_not_hold_the_study_up_wherever_the_clock_is_set(tmp_path, age):
     filled(tmp_path, [trial(0)], view="journal")
-    os.symlink(tmp_path / "optuna.log", tmp_path / "optuna.log.lock")
+    lock = tmp_path / "optuna.log.lock"
+    os.symlink(tmp_path / "optuna.log", lock)
+    os.utime(lock, 2 * (time.time() - age,), follow_symlinks=False)
     start = os.times().elapsed
     filled(tmp_path, [trial(1)], view="journal")
     assert os.times().elapsed - start < 20.0  # s; optuna itself waits 30

@@ -49,6 +49,35 @@ def test_draws_of_the_noise_are_counted_every_few_seconds(capsys):
     assert "draws" not in lines[-1]
 
 
+def test_the_time_left_names_the_draws_that_follow_the_search_and_then_theirs(capsys):
+    clock = HandClock()
+    with Progress(100, console=Console(stderr=True, width=200), clock=clock, draws=50) as progress:
+        for number in range(20):
+            clock.now += 1.0
+            trial = Trial(number, [0.5], {}, 1.0, kind="period-1", phase="search")
+            progress.trial(trial, trial, number + 1)
+        progress.stage("confidence")
+        for done in range(20):
+            progress.draw(done, 50)
+            clock.now += 2.0
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.endswith("at most 1:20 left, then 50 draws of the noise") for line in lines)
+    [told] = [line for line in lines if " 15/50 draws" in line]
+    assert told.endswith("15/50 draws of the noise  1:10 left of them")
+
+
+@pytest.mark.parametrize(("stage", "said"), [("search", 0), ("confidence", 1)])
+def test_who_stops_the_draws_of_the_noise_is_told_that_they_are_not_kept(capsys, stage, said):
+    def stopped():
+        with Progress(9, console=Console(stderr=True), draws=50) as progress:
+            progress.stage(stage)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
+    assert capsys.readouterr().err.count("the draws of the noise are not kept") == said
+
+
 def test_compiling_is_said_at_once_and_no_longer_than_it_lasts(capsys):
     with Progress(100, console=Console(stderr=True, width=200), clock=HandClock()) as progress:
         progress.stage("screen")

@@ -146,6 +146,7 @@ def test_the_reason_of_a_failed_trial_is_one_line_of_limited_length():
     assert len(cut) == MAX_REASON_CHARACTERS
     assert cut.startswith("begin x")
     assert cut.endswith(" ...")
+    assert reason_of("no \udce9, é or \ud83d\n") == r"no \udce9, é or \ud83d"
 
 
 @pytest.mark.parametrize(("trouble", "status", "limit"), [("crash", "crashed", None), ("hang", "timeout", 1.0)])

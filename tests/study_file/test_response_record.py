@@ -95,6 +95,7 @@ AMPLITUDE = 'channel = "amplitude", unit = "g"'
          "table.channels[2]", "a second column is the amplitude of body"),
         ('unit = "g", sigma', 'unit = "g", of = "velocity", sigma', "table.channels[1].of", "of belongs to a phase"),
         ("[record.table]\n", '[record.table]\nrate = "2 Hz"\n', "table.rate", "rate is a key that a table over time"),
+        ("[record.table]\n", "[record.table]\nfirst = 7\nlast = 1\n", "table.last", "last = 1 is not above first"),
         ("[record.table]\n", "[record.table]\nelements = [1, 3]\n", "table.frequency.column", "'held(3).f'"),
         ('"held(*).F"', '"held(*).G"', "excitation.column", "no single column 'held(1).G' (did you mean"),
         ('"held(*).p"', '"hold(*).p"', "table.channels[2].column", "no single column 'hold(1).p'"),

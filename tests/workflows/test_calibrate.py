@@ -64,7 +64,16 @@ def test_records_may_have_names_that_no_address_could_have(tmp_path):
     path = write_study(tmp_path, ('name = "bench"', 'name = "my bench"'), ("[model]", f"{second}\n[model]"))
     calibrate(path, quiet=True)
     assert set(best_records(tmp_path / "out")) == {"my bench", "my bench, 2 #1?"}
-    assert "my bench, 2 #1?" in rebuild(path).read_text()
+    page = rebuild(path).read_text()
+    assert "my bench, 2 #1?" in page
+    assert "mathdefault" not in page
+
+
+@undrawn()
+def test_the_page_of_a_ledger_that_holds_half_a_surrogate_pair_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr("calib.workflows.calibrate.render", lambda *shown: "no \ud83d")
+    calibrate(write_study(tmp_path), quiet=True)
+    assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8") == r"no \ud83d"
 
 
 def test_the_report_of_a_folder_without_a_run_is_refused(tmp_path):

@@ -286,6 +286,8 @@ def test_an_unknown_candidate_is_refused_with_its_line(tmp_path, folder):
     for name in ("swept.nc", "later.nc"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     (tmp_path / "study.toml").write_text(STUDY.replace('"channel_lag"', '"chanel_lag"'))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "result.json").touch()
     answer = CliRunner().invoke(main, ["diagnose", str(tmp_path)])
     assert answer.exit_code == 1
     assert "channel_lag" in answer.output

@@ -15,7 +15,8 @@ from calib.confidence.window.observed import Observed
 from calib.confidence.window.region import Region
 from calib.confidence.window.sampling import RegionSample, fine_sample
 from calib.confidence.window.shape import extent_along_axes, inscribed_ellipsoid, largest_box
-from calib.confidence.window.share import volume_share
+from calib.confidence.window.share import UndiscoveredShare, VolumeShare, undiscovered_share, volume_share
+from calib.confidence.window.words import percent
 from calib.errors import CalibError
 from calib.records import OK
 from calib.store import Trial
@@ -51,6 +52,7 @@ def analysed(
         )
     sample = fine_sample(region, observed.points[observed.admissible], seed)
     share = volume_share(region, sample, observed, seed)
+    undiscovered = undiscovered_share(region, sample, observed, seed)
     inside = sample.points[sample.probability >= 0.5]
     box = largest_box(region, start)
     found = faces(region, sample, seed)
@@ -76,7 +78,7 @@ def analysed(
         ellipsoid=_ellipsoid(region, inside, share.value),
         kinds=_kinds(trials),
         failures=tuple(FailureSummary(group[0].status, len(group), group[0].reason) for group in failures(trials)),
-        remarks=tuple(_remarks(observed, region, share.value, share.misclassified, start, tolerances)),
+        remarks=tuple(_remarks(observed, region, share, undiscovered, start, tolerances)),
         seconds=seconds,
     )
     return result, region, sample, observed
@@ -144,8 +146,8 @@ def _kinds(trials: Sequence[Trial]) -> tuple[KindShare, ...]:
 def _remarks(
     observed: Observed,
     region: Region,
-    share: float,
-    misclassified: float,
+    share: VolumeShare,
+    undiscovered: UndiscoveredShare,
     start: np.ndarray,
     tolerances: Mapping[str, float],
 ) -> list[str]:
@@ -157,9 +159,15 @@ def _remarks(
             "the calibrated point itself is not admissible, so that what parameters may vary alone means nothing; "
             f"raise the tolerances ({', '.join(f'{label} {tolerance:.3g}' for label, tolerance in tolerances.items())})"
         )
-    if share and misclassified > MAX_RELATIVE_UNCERTAINTY * share:
+    if observed.admissible.any() and undiscovered.high > share.high - share.value:
         remarks.append(
-            f"{misclassified / share:.0%} of the admissible volume may be on the wrong side of the boundary: a larger "
-            "--budget goes on from here"
+            f"the share is that of the part of the window that points have met: none of the {undiscovered.points} "
+            f"space-filling points outside it is admissible, so that other parts have at most "
+            f"{percent(undiscovered.high)} of the box (with 97.5 % probability)"
+        )
+    if share.value and share.misclassified > MAX_RELATIVE_UNCERTAINTY * share.value:
+        remarks.append(
+            f"{share.misclassified / share.value:.0%} of the admissible volume may be on the wrong side of the "
+            "boundary: a larger --budget goes on from here"
         )
     return remarks

@@ -98,7 +98,8 @@ class WindowResult:
     calibrated : values of the calibrated point, about which parameters vary
     points, simulations, seed : that were evaluated; runs of the simulator that they took; of everything random
     admissible_points : of them
-    share, share_low, share_high : of the box that is admissible, with its 95 % interval  [1]
+    share, share_low, share_high : of the box that is admissible, with its 95 % interval, but for parts that no point
+        has met  [1]
     misclassified : expected share of the box on the wrong side of the boundary  [1]
     mechanisms : what bounds the window -> share of its boundary, the end of the box included
     parameters : tolerance of each

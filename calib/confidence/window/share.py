@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.confidence.window.design import start_points
+from calib.confidence.window.design import space_filling, start_points
 from calib.confidence.window.observed import Observed
 from calib.confidence.window.region import Region
 from calib.confidence.window.sampling import RegionSample
@@ -17,6 +17,8 @@ QUANTILES = (0.025, 0.975)  # of a 95 % interval
 @dataclass(frozen=True)
 class VolumeShare:
     """Share of the box that is admissible  [1], with its 95 % interval, and the share that may be misclassified.
+
+    All of the parts of the window that points have met; one that none has met is in none of them.
 
     Attributes
     ----------
@@ -56,9 +58,42 @@ def volume_share(region: Region, sample: RegionSample, observed: Observed, seed:
     )
 
 
+@dataclass(frozen=True)
+class UndiscoveredShare:
+    """Upper bound of the share of the box in parts of the window that no point has met, held with 97.5 % probability.
+
+    Attributes
+    ----------
+    high : of the box  [1]
+    points : space-filling ones outside the region, on which it rests
+    """
+
+    high: float
+    points: int
+
+
+def undiscovered_share(region: Region, sample: RegionSample, observed: Observed, seed: int) -> UndiscoveredShare:
+    """Bound what admissible parts the emulators may know nothing of.
+
+    Emulators only extrapolate where no point has met a part of the window. Space-filling points were chosen without
+    them: had one met a part, it would be inside the region. Those outside it bound the share of what is outside that
+    may be admissible.
+
+    Parameters
+    ----------
+    seed : of the design that chose the points
+    """
+    number, dim = observed.points.shape
+    filling = (observed.points[:, None] == space_filling(dim, number, seed)).all(axis=2).any(axis=1)
+    missed = observed.points[filling & ~observed.admissible]
+    count = int((region.probability(missed) < 0.5).sum()) if len(missed) else 0
+    outside = float(sample.weight[sample.probability < 0.5].sum())
+    return UndiscoveredShare(outside * _unseen(count), count)
+
+
 def _unseen(number: int) -> float:
     """Share that so many independent points all miss with the probability that an interval has at its upper end."""
-    return 1.0 - float((1.0 - QUANTILES[1]) ** (1.0 / number))
+    return 1.0 - float((1.0 - QUANTILES[1]) ** (1.0 / number)) if number else 1.0
 
 
 def _sampling_factors(sample: RegionSample, rng: np.random.Generator) -> np.ndarray:

@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 
 from calib.confidence.window.document import WINDOW_END, ExactFaces, ParameterTolerance, WindowResult
-from calib.units import shown
+from calib.units import plain_number, shown
 
 OPEN = "open"  # an end that the box of the study's windows bounds, and not the model
 
 
 def percent(share: float) -> str:
-    """Write a share in percent with two significant digits."""
-    return f"{100.0 * share:.2g} %"
+    """Write a share in per cent with two significant digits, and all before the point."""
+    return f"{plain_number(100.0 * share, 2)} %"
 
 
 def share_in_words(result: WindowResult) -> str:
@@ -70,4 +70,8 @@ def mechanisms_in_words(mechanisms: Mapping[str, float], most: int = 2) -> str:
 def _relative(value: float, low: float, high: float, open: bool = False) -> str:
     if open or not value:
         return ""
-    return f" ({100.0 * (low - value) / abs(value):+.2g} / {100.0 * (high - value) / abs(value):+.2g} %)"
+    return f" ({_signed(100.0 * (low - value) / abs(value))} / {_signed(100.0 * (high - value) / abs(value))} %)"
+
+
+def _signed(change: float) -> str:
+    return f"{'' if change < 0.0 else '+'}{plain_number(change, 2)}"

@@ -2,9 +2,10 @@
 
 from calib.records.decay.crossings import crossing_curves
 from calib.records.decay.curves import amplitude_curves, analytic_curves, over_amplitude
+from calib.records.decay.free_motion import smoothed_decay
 from calib.records.decay.of_record import FREE_DECAY, decay_channel, is_free_decay, smoothed_record
 from calib.records.decay.release import release
-from calib.records.decay.smoother import DecayFrame, SmoothedDecay, smoothed_decay
+from calib.records.decay.smoother import DecayFrame, SmoothedDecay
 
 __all__ = [
     "FREE_DECAY",

@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.records.decay.smoother import SmoothedDecay, smoothed_decay
+from calib.records.decay.free_motion import smoothed_decay
+from calib.records.decay.smoother import SmoothedDecay
 from calib.records.record import STATE, channels
 
 FREE_DECAY = "free decay"

@@ -72,6 +72,7 @@ class Oscillation:
     log_amplitude, phase : (size,) coefficients of p = log amplitude + i phase  [1], [rad]
     mean : (size,) coefficients of G_0  [unit]
     companions : (j, 2, size) coefficients of the real and the imaginary part of each G_j  [unit]
+    harmonics : (m, 2, size) those of each G_m  [unit]
     time, residual : (n,) instants of all samples  [s], measured minus fitted  [unit]
     used : (n,) whether a sample is fitted, or left out as an outlier
     covariance : (2 size, 2 size) of log amplitude and phase where a sample has variance 1
@@ -83,6 +84,7 @@ class Oscillation:
     phase: np.ndarray
     mean: np.ndarray
     companions: np.ndarray
+    harmonics: np.ndarray
     time: np.ndarray
     residual: np.ndarray
     used: np.ndarray
@@ -230,6 +232,7 @@ def fitted(
         phase=state[1],
         mean=now.linear[0],
         companions=now.linear[1 : 1 + 2 * len(companions)].reshape(-1, 2, size),
+        harmonics=now.linear[1 + 2 * len(companions) :].reshape(-1, 2, size),
         time=time,
         residual=now.residual,
         used=used,

@@ -7,13 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import CalibError
-from calib.records.clipping import clipped_runs
-from calib.records.decay.analytic_signal import (
-    MIN_DECAY_PERIODS,
-    AnalyticSignal,
-    analytic_signal,
-    dominant_frequency,
-)
+from calib.records.decay.analytic_signal import MIN_DECAY_PERIODS, AnalyticSignal, analytic_signal
 from calib.records.decay.oscillation import (
     MAX_OSCILLATION_STEPS,
     MAX_TRIAL_STEPS,
@@ -21,10 +15,8 @@ from calib.records.decay.oscillation import (
     SplineBasis,
     fitted,
 )
-from calib.records.decay.release import release
 from calib.records.decay.residual import in_period_noise, noise_std, other_mode, outlying
 
-MAX_CREST_DISTANCE = 2.0  # periods from one clipped crest to the next, or to the beginning  [1]
 MIN_SIGNAL_TO_NOISE = 5.0  # amplitude over its standard error from one period, below which a decay is left out  [1]
 MIN_AMPLITUDE_SHARE = 1e-3  # of the largest amplitude, below which a decay is left out whatever its noise  [1]
 FIRST_AMPLITUDE_SHARE = 0.03  # of the largest amplitude, down to which the noise is first looked for  [1]
@@ -103,9 +95,10 @@ class SmoothedDecay:
     noise : standard deviation of white noise of a sample as strong as the record's about the motion's frequency  [unit]
     dominant : frequency of the largest line  [Hz]
     floor : amplitude below which the record is left out  [unit]
-    start : instant before which the record is left out, None where it begins with the decay  [s]
     cut : instant from which on it is left out, None where all of it is analysed  [s]
     time, values : (n,) samples that are fitted  [s], [unit]
+    start : instant before which the record is left out, None where it begins with the decay  [s]
+    disturbed : samples right before it that are left out because the release still disturbs the motion  [count]
     """
 
     frame: DecayFrame
@@ -115,10 +108,11 @@ class SmoothedDecay:
     noise: float
     dominant: float
     floor: float
-    start: float | None
     cut: float | None
     time: np.ndarray
     values: np.ndarray
+    start: float | None = None
+    disturbed: int = 0
 
     @property
     def without_mean(self) -> tuple[np.ndarray, np.ndarray]:
@@ -145,14 +139,13 @@ class SmoothedDecay:
         }
 
 
-def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = None) -> SmoothedDecay:
-    """Smooth a free decay: log amplitude and phase as splines, whose number the record decides.
+def smoothed(time: np.ndarray, values: np.ndarray, sigma: float | None = None) -> SmoothedDecay:
+    """Smooth a motion that is free from the first sample on: log amplitude and phase as splines.
 
-    The range begins at the release, or behind the last crest at the limit of a converter, and ends where the amplitude
-    is no longer 5 times its standard error from a single period. The number of splines is the next above the one that
-    minimises the corrected Akaike criterion of the residual, demodulated period by period, so that only noise about the
-    motion's own frequency counts. At the minimum the bias is as large as the noise, and no uncertainty could be stated
-    (undersmoothing). The breaks are denser where the amplitude falls fast.
+    The range ends where the amplitude is no longer 5 times its standard error from a single period. The number of
+    splines is the next above the one that minimises the corrected Akaike criterion of the residual, demodulated period
+    by period, so that only noise about the motion's own frequency counts. At the minimum the bias is as large as the
+    noise, and no uncertainty could be stated (undersmoothing). The breaks are denser where the amplitude falls fast.
 
     Parameters
     ----------
@@ -166,8 +159,6 @@ def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = N
     Source: Hurvich, Tsai, Biometrika 76 (1989) 297 (criterion); Hall, Annals of Statistics 20 (1992) 675
     (undersmoothing); Burnham, Anderson, Model Selection and Multimodel Inference (2002) 4.3 (weights).
     """
-    first = _first_free(time, values)
-    time, values = time[first:], values[first:]
     tone = analytic_signal(time, values)
     per_period = (time.size - 1) / ((time[-1] - time[0]) * tone.dominant)
     largest = float(tone.envelope.max())
@@ -197,42 +188,10 @@ def smoothed_decay(time: np.ndarray, values: np.ndarray, sigma: float | None = N
         noise=noise,
         dominant=tone.dominant,
         floor=floor,
-        start=float(time[0]) if first else None,
         cut=last if last < tone.time[-1] - 0.5 / tone.dominant else None,
         time=one.time[one.used],
         values=values[np.isin(time, one.time[one.used])],
     )
-
-
-def _first_free(time: np.ndarray, values: np.ndarray) -> int:
-    """Index of the first sample (n,) from which on the motion is free, its crests below the limit of a converter.
-
-    Raises
-    ------
-    CalibError : too few periods are below that limit
-    """
-    first = release(time, values)
-    return first + _clipped(time[first:], values[first:])
-
-
-def _clipped(time: np.ndarray, values: np.ndarray) -> int:
-    """Samples up to the end of the clipped crests that values (n,) begin with; other equal values are outliers."""
-    runs = clipped_runs(values)
-    if not runs.size:
-        return 0
-    period = 1.0 / dominant_frequency(time, values)
-    behind = np.concatenate([[time[0]], time[runs[:-1, 1]]])
-    apart = time[runs[:, 0]] - behind > MAX_CREST_DISTANCE * period
-    crests = runs[: int(np.argmax(apart))] if apart.any() else runs
-    if not len(crests):
-        return 0
-    end = int(crests[-1, 1])
-    if time[-1] - time[end] < MIN_DECAY_PERIODS * period:
-        raise CalibError(
-            f"the decay is clipped until {time[end]:.4g} s: its largest samples are equal, a converter or an amplifier "
-            f"being at its limit; expected {MIN_DECAY_PERIODS:g} periods behind them; record again in a wider range"
-        )
-    return end
 
 
 def _end(tone: AnalyticSignal, floor: float) -> int:
@@ -278,8 +237,10 @@ def _bases(tone: AnalyticSignal, end: int) -> Iterator[SplineBasis]:
     """Bases of rising size, a line and a parabola first: breaks where the log amplitude has fallen by equal steps.
 
     A quarter of the step is one of time, for where it does not fall; breaks within two periods of others are left out.
+    Where the beginning of the record reaches, the envelope is not trusted to be less than behind.
     """
-    time, envelope = tone.time[: end + 1], tone.envelope[: end + 1]
+    time, envelope, reached = tone.time[: end + 1], tone.envelope[: end + 1].copy(), tone.inside.start
+    envelope[:reached] = np.maximum(envelope[:reached], envelope[reached])
     fall = np.maximum.accumulate(-np.log(np.maximum(envelope, START_FLOOR * envelope.max())))
     share = (time - time[0]) / (time[-1] - time[0])
     if fall[-1] > fall[0]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.diagnosis.discovery.discover import FOUND, NOTHING
 from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult
-from calib.report.formatting import capitalised, count, number, number_beside, quantity, raised, rounded
+from calib.report.formatting import capitalised, count, number, number_and_half, quantity, raised
 from calib.report.pages.diagnosis.conclusion import stale
 from calib.report.pages.picture import Picture, pictured
 from calib.report.pages.verdict import Tone
@@ -161,7 +161,7 @@ def _numbers(discovery: DiscoveryResult) -> tuple[NumberRow, ...]:
     law = discovery.histories[0] if discovery.depends_on_history else discovery.formula
     return tuple(
         NumberRow(
-            n.name, rounded(n.value, n.error), "" if n.error is None else number_beside(n.error, n.value),
+            n.name, *number_and_half(n.value, n.error),
             "" if n.unit == "1" else raised(n.unit), n.meaning,
         )
         for n in (() if law is None else law.numbers)

@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from calib.execution.pool import InProcess, Pool
+from calib.execution.pool import Failure, InProcess, Pool
 from calib.execution.pools.local import LocalPool
 from calib.report.plots.style import svg
 
@@ -38,11 +38,8 @@ def pictured(figure: Figure | None, name: str, caption: str) -> Picture | None:
 def drawn(content: object, jobs: int) -> dict[str, Markup]:
     """Return the SVG elements, by name, of all pictures in the content of a page, drawn by `jobs` processes.
 
-    This process is one of them: the others have to start and import Matplotlib first.
-
-    Raises
-    ------
-    RuntimeError : a figure cannot be drawn
+    This process is one of them: the others have to start and import Matplotlib first. In the place of a figure that
+    cannot be drawn stands a sentence that says why.
     """
     pictures = list(_pictures(content))
     others, waiting, elements = min(jobs, len(pictures)) - 1, deque(pictures), dict[str, Any]()
@@ -55,10 +52,14 @@ def drawn(content: object, jobs: int) -> dict[str, Markup]:
             here.result()
         finally:
             waiting.clear()  # also where the user interrupts it
-    for picture in pictures:
-        if not isinstance(elements[picture.name], str):
-            raise RuntimeError(f"the figure {picture.name!r} cannot be drawn: {elements[picture.name].reason}")
-    return {picture.name: Markup(elements[picture.name]) for picture in pictures}
+    return {picture.name: _element(elements[picture.name]) for picture in pictures}
+
+
+def _element(answer: str | Failure) -> Markup:
+    """Return the SVG element of a figure, or a sentence in its place."""
+    if isinstance(answer, Failure):
+        return Markup("<p>This figure cannot be drawn: {}.</p>").format(answer.reason)
+    return Markup(answer)
 
 
 def _draw(pool: Pool, waiting: deque[Picture], elements: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from calib.confidence.identifiability import COLLINEAR
 from calib.confidence.local import MAX_EDGE_DISTANCE
 from calib.modelling.parameter import Window
 from calib.records import OK
-from calib.report.formatting import measured_number, number, number_beside, raised
+from calib.report.formatting import measured_number, number, number_and_half, raised
 from calib.store import Header, Trial
 from calib.store.trial import failures as by_cause
 from calib.study import CalibrationResult, CalibrationStudy, UndeterminedGroup, UnreachableFeature
@@ -129,13 +129,14 @@ def _parameter(study: CalibrationStudy, result: CalibrationResult, name: str, wi
     remarks += [_undetermined(name, group) for group in result.undetermined if name in group.members]
     scale, unit = shown_unit(parameter.unit if parameter else "1", max(abs(window.low), abs(window.high)))
     scaled = None if error is None else scale * error
+    written, half = number_and_half(scale * value, None if scaled is None else 2.0 * scaled)
     return ParameterRow(
         name=name,
         meaning=parameter.meaning if parameter else "",
         numerical=parameter is not None and parameter.kind == "numerical",
         unit=raised(unit),
-        value=measured_number(scale * value, scaled),
-        error=None if scaled is None else number_beside(2.0 * scaled, scale * value),
+        value=written,
+        error=half or None,
         interval=None
         if interval is None
         else (measured_number(scale * interval[0], scaled), measured_number(scale * interval[1], scaled)),

@@ -13,7 +13,18 @@ from matplotlib.ticker import NullFormatter, NullLocator
 
 from calib.diagnosis.document import GainResult, ShiftResult
 from calib.report.formatting import raised, signed
-from calib.report.plots.style import EXTENDED, LINE, MARK, MEASURED, OTHER, SIMULATED, STYLE, TEXT_WIDTH, Look
+from calib.report.plots.style import (
+    EXTENDED,
+    LINE,
+    MARK,
+    MEASURED,
+    OTHER,
+    SIMULATED,
+    STYLE,
+    TEXT_WIDTH,
+    Look,
+    PowerLabels,
+)
 from calib.units import shown_unit
 
 MAX_LINEAR_SHIFT = 200.0  # largest shift up to which the axis is linear  [standard errors]
@@ -192,6 +203,7 @@ def value_shifts(shifts: Sequence[ShiftResult]) -> Figure | None:
         if logarithmic:
             axes.set_xscale("symlog", linthresh=HIGHLIGHTED_SHIFT)
             axes.xaxis.set_minor_locator(NullLocator())
+            axes.xaxis.set_major_formatter(PowerLabels())
             axes.xaxis.set_minor_formatter(NullFormatter())
         axes.axvline(0.0, color=LINE, linewidth=0.7)
         axes.grid(axis="y", visible=False)

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 
-from calib.report.plots.style import STYLE
+from calib.report.plots.style import STYLE, Look
 
 TERMS_OF_A_LINE = 2  # of a formula  [count]
 POINTS_PER_INCH = 72.0  # of a figure, whose size is in inches  [1/inch]
@@ -30,6 +30,7 @@ def formula_figure(latex: str) -> Figure:
         figure = Figure(figsize=(width / POINTS_PER_INCH, height / POINTS_PER_INCH))
         top = height - MARGIN
         for line, (_, own, depth) in zip(lines, sizes, strict=True):
-            figure.text(MARGIN / width, (top - own + depth) / height, line, fontproperties=font, math_fontfamily="stix")
+            look: Look = {"fontproperties": font, "math_fontfamily": "stix", "parse_math": True}
+            figure.text(MARGIN / width, (top - own + depth) / height, line, **look)
             top -= own + LEADING
     return figure

@@ -48,7 +48,7 @@ def found_force_figure(result: DiscoveryResult) -> Figure | None:
             where = "at the" if result.interface else "on"
             axes[0].set_ylabel(f"Force {where} {result.body}\nper unit mass [m/s²]")
         if title:
-            figure.suptitle(title, fontsize=8)
+            figure.suptitle(title, fontsize=8, parse_math=True)
     return figure
 
 

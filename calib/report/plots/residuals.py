@@ -22,6 +22,7 @@ from calib.report.plots.style import (
     STYLE,
     TEXT_WIDTH,
     Look,
+    label_powers,
     line,
     logarithmic,
     mark_impacts,
@@ -204,6 +205,7 @@ def _spectra(axes: Axes, time: np.ndarray, measured: np.ndarray, residual: np.nd
         keep = thin(frequency.size - 1, 1500) + 1
         axes.loglog(frequency[keep], np.sqrt(power[keep]), color=colour, linewidth=1.0, label=label)
     logarithmic(axes.xaxis, frequency[1], frequency[-1])
+    label_powers(axes.yaxis)
     axes.set(xlabel="Frequency [Hz]", ylabel=f"[{unit}/√Hz]")
     axes.set_title("amplitude spectral density")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)

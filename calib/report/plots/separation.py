@@ -26,7 +26,7 @@ from calib.diagnosis.design_document import (
 from calib.diagnosis.laboratory import FREE_DECAY, RECORDED_INPUT, STEADY_TONE, STEPPED_SINE, SWEEP, WITHOUT_CONTACT
 from calib.diagnosis.measurement import FAILED, GRID, IRREGULAR, OK
 from calib.report.formatting import number
-from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, logarithmic
+from calib.report.plots.style import LINE, MARK, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, label_powers, logarithmic
 from calib.units import shown_unit
 
 COLOURS = "cividis"  # from least to most separation; suits colour-blind readers
@@ -321,6 +321,7 @@ def _draw_line(axes: Axes, design: DesignResult, test: str, setting: SearchedSet
         ha="right",
     )
     axes.set_xscale("log")
+    label_powers(axes.xaxis)
     axes.set_yscale("log")
     places = [place(point) for point in own]
     if max(places) > min(places):

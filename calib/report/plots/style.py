@@ -16,7 +16,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogFormatterMathtext, LogLocator, NullFormatter, StrMethodFormatter
+
+from calib.report.formatting import number, raised
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -59,7 +61,21 @@ STYLE: "dict[RcKeyType, Any]" = {
     "svg.fonttype": "none",
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
+    "text.parse_math": False,  # a name may hold dollars; texts that calib writes in LaTeX say parse_math=True
 }
+
+
+class PowerLabels(LogFormatterMathtext):
+    """Labels of a logarithmic axis: raised powers at the decades, numbers between; matplotlib's own are in LaTeX."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Write the label of a tick; "" where matplotlib leaves it out."""
+        if not super().__call__(x, pos):
+            return ""
+        power = round(math.log10(abs(x))) if x else 0
+        if math.isclose(abs(x), 10.0**power):
+            return f"{'-' if x < 0.0 else ''}{raised(f'10^{power}')}"
+        return number(float(x))
 
 
 def dots(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
@@ -96,8 +112,15 @@ def mark_impacts(axes: Axes, times: np.ndarray) -> None:
         axes.axvline(time, color=MARK, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
 
 
+def label_powers(axis: Axis) -> None:
+    """Label the ticks of a logarithmic axis without LaTeX; those between the decades where there are few decades."""
+    axis.set_major_formatter(PowerLabels())
+    axis.set_minor_formatter(PowerLabels(labelOnlyBase=False))
+
+
 def logarithmic(axis: Axis, low: float, high: float) -> None:
     """Set ticks of a logarithmic axis whose labels do not overlap: decades, or steps within few decades."""
+    axis.set_major_formatter(PowerLabels())
     decades = math.log10(high / low)
     if decades < 2.5:
         steps: tuple[float, ...] = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from calib.report.formatting import signed
-from calib.report.plots.style import EXTENDED, MARK, SIMULATED, STYLE, TEXT_WIDTH, Look
+from calib.report.plots.style import EXTENDED, MARK, SIMULATED, STYLE, TEXT_WIDTH, Look, label_powers
 
 MAX_LINEAR_RATIO = 12.0  # largest |z| over the threshold up to which the axis is linear  [1]
 PATCH = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}  # behind a number, on which a line may lie
@@ -105,6 +105,7 @@ def _draw_bars(axes: Axes, ordered: Sequence[Strength], threshold: float) -> Non
         )
     if logarithmic:
         axes.set_xscale("log")
+        label_powers(axes.xaxis)
         axes.set_xlim(least, 1.8 * largest)
     else:
         axes.set_xlim(0.0, 1.1 * max(largest, threshold))

@@ -11,8 +11,9 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from calib.confidence.window.document import ParameterTolerance, WindowResult
+from calib.confidence.window.words import percent
 from calib.report.plots.continuation import SPECIAL, stability_line
-from calib.report.plots.style import FAILED, LINE, MARK, STYLE, Look
+from calib.report.plots.style import FAILED, LINE, MARK, STYLE, Look, label_powers
 from calib.units import shown_unit
 
 WINDOW_PANEL = 1.45  # inch, side of a panel
@@ -47,8 +48,8 @@ def window_figure(result: WindowResult, dataset: xr.Dataset) -> Figure:
                 else:
                     _draw_projection(axes, result, dataset, (column, row))
                 _label(axes, result, dataset, row, column)
-        title = f"{result.name}: {_percent(result.share)} of the box is admissible, 95 % interval "
-        title += f"{_percent(result.share_low)} to {_percent(result.share_high)} ({result.points} points)"
+        title = f"{result.name}: {percent(result.share)} of the box is admissible, 95 % interval "
+        title += f"{percent(result.share_low)} to {percent(result.share_high)} ({result.points} points)"
         figure.suptitle(title, x=0.1, ha="left", fontsize=10)
         figure.legend(
             handles=[*_legend(causes), *_exact_legend(dataset)],
@@ -56,10 +57,6 @@ def window_figure(result: WindowResult, dataset: xr.Dataset) -> Figure:
             borderpad=0.0, handlelength=1.4, columnspacing=1.2,
         )  # fmt: skip
     return figure
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
 
 
 def _legend(causes: list[str]) -> list[Patch | Line2D]:
@@ -190,12 +187,14 @@ def _label(axes: Axes, result: WindowResult, dataset: xr.Dataset, row: int, colu
     axes.set_xlim(x[0], x[-1])
     if result.windows[names[column]].scale == "log":
         axes.set_xscale("log")
+        label_powers(axes.xaxis)
     else:  # without a label at the right edge, which would run into that of the next panel
         axes.xaxis.set_major_locator(MaxNLocator(4, prune="upper"))
     if row != column:
         axes.set_ylim(y[0], y[-1])
         if result.windows[names[row]].scale == "log":
             axes.set_yscale("log")
+            label_powers(axes.yaxis)
     axes.tick_params(which="both", labelsize=6.5, length=2)
     axes.tick_params(which="minor", labelbottom=False, labelleft=False, length=1)
     if row == len(names) - 1:

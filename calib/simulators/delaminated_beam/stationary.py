@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from calib.errors import CalibError
 from calib.records import MIN_SECTION_PERIODS, OK
 from calib.simulators.delaminated_beam.impacts import (
     CENTRAL_IMPACTS,
@@ -16,7 +17,7 @@ from calib.simulators.delaminated_beam.impacts import (
 )
 
 MAX_RETURN_PERIODS = 16  # after which a state can return
-MAX_IMPACTS = 4096  # recorded
+MAX_IMPACTS = 2**20  # of a record: those of 10 000 periods at least, as a hundredth of a period separates two
 STATE_RETURN_TOLERANCE = 1e-6  # of a change of the state over its largest displacement or velocity  [1]
 MIN_SCALE = 1e-300  # m or m/s, of a state at rest
 
@@ -65,7 +66,16 @@ class Contact:
         ----------
         since, span : begin and length of the record, in the kernel's unit of time
         unit : of its times  [s]
+
+        Raises
+        ------
+        CalibError : there were more impacts than are recorded
         """
+        if max(trace.total[IMPACTS] - len(trace.impacts), trace.total[CENTRAL_IMPACTS] - len(trace.central)) > 0:
+            raise CalibError(
+                f"the record has {int(trace.total[IMPACTS])} impacts, of which only {len(trace.impacts)} are kept; "
+                "record fewer periods"
+            )
         impacts, central = (
             np.column_stack([(rows[: int(number), 0] - since) * unit, rows[: int(number), 1]])
             for rows, number in ((trace.impacts, trace.total[IMPACTS]), (trace.central, trace.total[CENTRAL_IMPACTS]))

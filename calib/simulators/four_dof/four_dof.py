@@ -22,6 +22,7 @@ from calib.simulators.impact.assembly import STEPS_PER_PERIOD, ImpactDrive, asse
 from calib.simulators.impact.contact_laws import COMPLIANT, CONTACTS, ContactName, stop_law, with_contact
 from calib.simulators.impact.initial_state import start, with_memory
 from calib.simulators.impact.modes import modal, steady_motion
+from calib.simulators.impact.output_times import output_times
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT, ImpactState, Problem
 from calib.simulators.impact.refinement import UNREFINED
@@ -81,8 +82,9 @@ class FourDof:
     Notes
     -----
     The motion settles until its stroboscopic section repeats to 1e-10 after 1 to 16 periods, at most for 1000 periods;
-    `Request.settle` counts periods instead. `Request.initial_state` is (q1..q4, q1'..q4') in [m], [m/s], and where the
-    state of a record goes on, the internal states of the force laws and, with contact "lankarani_nikravesh"
+    `Request.settle` counts periods instead. A run with a recorded input starts from the initial state at the first
+    sample of the input, which may lie before time 0. `Request.initial_state` is (q1..q4, q1'..q4') in [m], [m/s], and
+    where the state of a record goes on, the internal states of the force laws and, with contact "lankarani_nikravesh"
     or "gonthier", the speed at which a present contact began.
     """
 
@@ -177,15 +179,17 @@ class FourDof:
         """
         self._check(excitation, request)
         attrs = self._attrs(excitation, values)
-        times, duration = _times(excitation, request)
+        harmonic = excitation.harmonic
+        times, begins = _periodic_times(excitation, request) if harmonic else output_times(excitation, request)
         try:
-            problem = self._checked_problem(values, excitation, laws, duration)
+            problem = self._checked_problem(values, excitation, laws, None if harmonic else times[-1])
         except ValueError as error:
             return failed(BODIES, "diverged", str(error), **attrs)
-        harmonic = duration is None
+        state = self._start(problem, request)
+        state.clock[0] = begins
         motion = simulate(
             problem,
-            self._start(problem, request),
+            state,
             times,
             periods=request.periods if harmonic else 1,
             settle=request.settle if harmonic else 0,
@@ -226,7 +230,7 @@ class FourDof:
         values: Mapping[str, float],
         excitation: Excitation,
         laws: Sequence[BoundLaw],
-        duration: float | None = None,
+        end: float | None = None,
     ) -> Problem:
         """Put the problem together.
 
@@ -238,7 +242,7 @@ class FourDof:
             if not np.isfinite(value):
                 raise ValueError(f"parameter {name} is {value}")
         try:
-            return self.problem(values, excitation, laws, duration)
+            return self.problem(values, excitation, laws, end)
         except (LinAlgError, ValueError, ZeroDivisionError) as error:
             raise ValueError(f"these values give no structure that moves: {error}") from error
 
@@ -247,9 +251,9 @@ class FourDof:
         values: Mapping[str, float],
         excitation: Excitation,
         laws: Sequence[BoundLaw] = (),
-        duration: float | None = None,
+        end: float | None = None,
     ) -> Problem:
-        """Put together what the kernel runs; `duration` [s] where the excitation is no harmonic."""
+        """Put together what the kernel runs; the run's `end` [s] where the excitation is no harmonic."""
         kind = DRIVES[self.drive]
         gap = values["gap"] + sum(law.function(0.0, law.p) for law in at_site(laws, "gap"))
         contact, restitution, laws = stop_law(self.contact, values, laws)
@@ -261,7 +265,7 @@ class FourDof:
             if not answer > 0.0:
                 raise ValueError("the shaker does not move q1")
             scale /= answer
-        if duration is None:
+        if end is None:
             tone = excitation.as_harmonic
             drive = ImpactDrive(
                 period=tone.period,
@@ -270,17 +274,17 @@ class FourDof:
             )
         elif excitation.recorded:
             time, value = excitation.as_samples
-            spline = CubicSpline(time - time[0], scale * value)
-            drive = ImpactDrive(period=duration, knots=spline.x, table=spline.c[::-1].T)
+            spline = CubicSpline(time, scale * value)
+            drive = ImpactDrive(period=end, knots=spline.x, table=spline.c[::-1].T)
         else:
-            drive = ImpactDrive(period=duration)
+            drive = ImpactDrive(period=end)
         return assemble(
             free,
             drive,
             laws,
             coordinates=[BODIES[i] for i in kind.coordinates],
             length=_length(gap),
-            step=drive.period / self.steps_per_period if duration is None else None,
+            step=drive.period / self.steps_per_period if end is None else None,
             fixed_step=self.mode == "fixed_step",
             onto_surface=self.onto_surface,
             refinement=self.refinement,
@@ -298,8 +302,6 @@ class FourDof:
 
     def _check(self, excitation: Excitation, request: Request) -> None:
         self._check_drive(excitation)
-        if excitation.quantity == "free decay" and request.times is None:
-            raise CalibError("a free decay has no period; say at which times [s] the record is wanted")
         if excitation.harmonic and request.times is not None:
             raise CalibError("output times are for excitations without a period; ask for periods and samples instead")
         if self.mode == "fixed_step" and not excitation.harmonic:
@@ -343,11 +345,12 @@ class FourDof:
             at_phase_zero = np.zeros(len(motion.sections))
             section = dict(zip(STATE, self._bodies(motion.sections, at_phase_zero, problem), strict=True))
             stationary = {"section": section, "state": self._state(motion)}
+        inside = motion.impacts[motion.impacts[:, 0] >= times[0]]
         return make(
             times,
             BODIES,
             dict(zip(STATE, self._bodies(motion.samples, times, problem), strict=True)),
-            impacts=(motion.impacts[:, 0], motion.impacts[:, 1]),
+            impacts=(inside[:, 0], inside[:, 1]),
             reason="",
             settled_periods=motion.settled,
             contact_fraction=motion.contact,
@@ -372,11 +375,7 @@ def _length(gap: float) -> float:
     return max(abs(gap), 1e-9)
 
 
-def _times(excitation: Excitation, request: Request) -> tuple[np.ndarray, float | None]:
-    """Output times since the start [s], and the duration of a run without a period."""
-    if not excitation.harmonic:
-        times = excitation.as_samples.time if request.times is None else np.asarray(request.times, dtype=float)
-        begins = excitation.as_samples.time[0] if excitation.recorded else 0.0
-        return times - begins, float(times[-1] - begins)
+def _periodic_times(excitation: Excitation, request: Request) -> tuple[np.ndarray, float]:
+    """Output times (n,) since phase zero, at which the run begins  [s]."""
     count = request.periods * request.samples
-    return np.arange(count) * (excitation.as_harmonic.period / request.samples), None
+    return np.arange(count) * (excitation.as_harmonic.period / request.samples), 0.0

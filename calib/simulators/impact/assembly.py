@@ -18,9 +18,10 @@ STEPS_PER_PERIOD = 48  # where loads are collocated, of order 8; fewer do not re
 EVENT_TOLERANCE = 1e-11  # of the time of an event, over the highest angular frequency  [1]
 LIFT_TIME = 2.5e-4  # flight after a release without event search, over the highest angular frequency  [1]
 STICKING_HEIGHT = 1e-12  # share of the motion's scale below which a rebound sticks
+MIN_STICKING_HEIGHT = 1e-15  # the same, of the largest displacement: rounding hides lower rebounds  [1]
 MAX_LINEAR_ANGLE, MAX_ANGLE = 3.0, 1.0  # of the highest frequency over a step: in contact; where n = 1 with loss [rad]
 MIN_SPEED_SHARE = 1e-3  # of the motion's scale of speed: slower impacts count as that in a loss over their speed  [1]
-DIVERGENCE_FACTOR = 1e6  # times its scale, a motion counts as diverged
+EXTENT_OF_LAWS = 1.0  # of a motion under force laws, whose own lengths are not known  [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +83,13 @@ def assemble(
     called = _called_laws(structure, laws, coordinates)
     collocated = bool(called.counts[:2].any() or drive.knots.size or both.load_constant.any())
     fastest = _highest_frequency(both, drive)
+    static = _static_displacement(both, drive, stop, length)
     return Problem(
         regimes=both,
         stop=stop is not None,
         hit=np.array(stop.hit, dtype=float) if stop else np.zeros(len(structure.mass)),
         restitution=float(stop.restitution) if stop else 0.0,
-        height=STICKING_HEIGHT * length / refinement.event_tolerance,
+        height=max(STICKING_HEIGHT * length / refinement.event_tolerance, MIN_STICKING_HEIGHT * static),
         period=float(drive.period),
         omega=float(drive.omega),
         amplitude=float(abs(drive.amplitude)),
@@ -96,9 +98,11 @@ def assemble(
         onto_surface=onto_surface,
         step=float(_longest_step(drive, step, collocated, fixed_step, fastest) / refinement.time_step),
         collocated=collocated,
+        loaded_by_rate=bool(both.load_input[:, :, 1:].any() or both.motion_input.any()),
         resolution=_event_resolution(fastest, drive.period, refinement),
         lift=float(LIFT_TIME / max(fastest, contact.highest_frequency if contact else 0.0)),
-        limit=float(DIVERGENCE_FACTOR * length * max(1.0, fastest)),
+        extent=float(max(static, np.abs(both.motion).max(), EXTENT_OF_LAWS if called.counts[:2].any() else 0.0)),
+        fastest=float(fastest),
         knots=_own(drive.knots),
         table=_own(drive.table),
         push=_push(structure),
@@ -127,6 +131,15 @@ def _called_laws(structure: LinearStructure, laws: Sequence[BoundLaw], coordinat
 def _highest_frequency(both: Regimes, drive: ImpactDrive) -> float:
     """Highest angular frequency or rate of decay in the motion  [rad/s]."""
     return max(drive.omega, np.sqrt(np.abs(both.stiffness).max()), 2.0 * np.abs(both.rate).max(), 1.0 / drive.period)
+
+
+def _static_displacement(both: Regimes, drive: ImpactDrive, stop: Stop | None, length: float) -> float:
+    """Largest of the gap, the static response to drive and loads, and the scale of the motion  [m]."""
+    largest_input = np.abs(drive.table[:, 0]).max(initial=abs(drive.amplitude))
+    loads = np.abs(both.load_input[:, :, 0]) * largest_input + np.abs(both.load_constant)
+    response = np.abs(both.shape) @ (loads / np.maximum(np.abs(both.stiffness), drive.period**-2.0))[:, :, None]
+    carried = np.abs(both.motion_input) * largest_input
+    return float(max(length, abs(stop.gap) if stop else 0.0, carried.max(), response.max()))
 
 
 def _longest_step(drive: ImpactDrive, step: float | None, collocated: bool, fixed_step: bool, fastest: float) -> float:

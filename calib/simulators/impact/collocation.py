@@ -2,9 +2,10 @@
 
 The linear part of the motion stays exact. What depends on the motion is collocated at the five Gauss-Lobatto nodes of
 the step and iterated to its fixed point: order 8 at the ends of steps (a step that an impact ends is taken anew up to
-the impact), order 5 for velocities within them. A law that jumps reduces that to the order of its jump. Where the
-iteration does not converge, or a polynomial through the nodes misses the laws between them (a kink, a steep film of
-air), the step is halved down to a limit.
+the impact), order 5 for velocities within them. A law that jumps reduces that to the order of its jump. Where a
+polynomial through the nodes misses the force laws between them (a kink, a steep film of air), the step is halved down
+to a limit. It is halved on where internal states of force laws do not converge, or where the polynomial misses the laws
+of the excitation: there a longer step would be wrong at any limit.
 """
 
 import math
@@ -16,16 +17,15 @@ from calib.modelling.laws import STATES
 from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
-from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, NODES, POINTS, PROBE_INDEX, polynomial, slope
+from calib.simulators.impact.input_polynomial import set_input
+from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, POINTS, PROBE_INDEX, polynomial, slope
 from calib.simulators.impact.problem import (
     AT_PERIOD,
     COMPRESSION,
     CONTACT,
-    EXCITATION_LAWS,
     FORCE_LAWS,
     FREE,
     LAW_STATES,
-    PIECE,
     PORT_LAWS,
     REGIME,
     ImpactState,
@@ -35,7 +35,7 @@ from calib.simulators.impact.problem import (
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import expand_contact, motion_within
 from calib.simulators.impact.stop_kinds import by_stop
-from calib.simulators.law_calls import excitation, force
+from calib.simulators.law_calls import force
 
 MAX_SWEEPS = 15  # of the fixed point
 MAX_LOAD_CONTRACTION = 0.5  # change of the loads over that two sweeps before; above it so many sweeps do not suffice
@@ -44,39 +44,7 @@ LOAD_TOLERANCE = 1e-13  # relative change of the loads at which the iteration ha
 # bodies are mostly smooth, and their loads then are accurate at the ends of steps before they are in between
 MAX_ERROR_AT_PORT, MAX_ERROR_ON_BODIES = 1e-8, 1e-7
 NEGLIGIBLE_CHANGE = 1e-15  # change of velocity over the step, as a share of the velocities, that counts as zero
-
-
-@njit(**WITHIN)
-def _set_input(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> None:
-    """Write the input U over the step (5,): the table's piece, and what the laws of the excitation add at the nodes."""
-    out = w.input
-    for k in range(5):
-        out[k] = 0.0
-    if problem.knots.size > 1:
-        piece = state.counters[PIECE]
-        s = time - problem.knots[piece]
-        row = problem.table[piece]
-        c0, c1, c2, c3 = row[0], row[1], row[2], row[3]
-        out[0] = c0 + s * (c1 + s * (c2 + s * c3))
-        out[1] = (c1 + s * (2.0 * c2 + s * 3.0 * c3)) * step
-        out[2] = (c2 + 3.0 * s * c3) * step * step
-        out[3] = c3 * step * step * step
-    if problem.counts[EXCITATION_LAWS] > 0:
-        start = state.counters[AT_PERIOD] * problem.period + time
-        for j in range(5):
-            local = time + NODES[j] * step
-            x = problem.amplitude * math.cos(problem.omega * local + problem.phase) + polynomial(out, NODES[j])
-            t = start + NODES[j] * step
-            change = 0.0
-            for i in range(problem.counts[EXCITATION_LAWS]):
-                change += excitation(
-                    problem.excitation[i], t, problem.omega * t + problem.phase, problem.amplitude, x,
-                    problem.excitation_p[i],
-                )  # fmt: skip
-            w.base[0, j] = change
-        for k in range(5):
-            for j in range(5):
-                out[k] += FIT[k, j] * w.base[0, j]
+LOADS_HOLD, MISSED_BETWEEN, NOT_CONVERGED = 0, 1, 2  # outcomes of `collocate`
 
 
 @njit(**WITHIN)
@@ -136,7 +104,7 @@ def set_given_loads(problem: Problem, state: ImpactState, time: float, step: flo
     for b in range(w.law.shape[0]):
         for j in range(5):
             w.law[b, j] = 0.0
-    _set_input(problem, state, time, step, w)
+    set_input(problem, state, time, step, w)
     _set_base(problem.regimes, FREE, step, w)
     _set_added(problem, FREE, step, w)
 
@@ -372,39 +340,56 @@ def _is_resolved(
     return True
 
 
-@njit(**WITHIN)
-def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> bool:
-    """Work out all loads over a step from `time` [s] since the whole period; return whether they hold."""
-    r = modal_row(r)
-    _set_input(problem, state, time, step, w)
-    _set_base(problem.regimes, r, step, w)
-    converged = True
-    if problem.counts[FORCE_LAWS] > 0:
-        start = state.counters[AT_PERIOD] * problem.period + time
-        _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
+@njit(**INLINED)
+def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> int:
+    """Work out the loads by the force laws over a step; the outcome as of `collocate`."""
+    start = state.counters[AT_PERIOD] * problem.period + time
+    _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
+    if problem.counts[LAW_STATES] > 0:
+        _hold_states(state.z, w)
+    speed = _modal_speed(problem.regimes, r, state.y, state.v)
+    converged, held, before, earlier = False, False, math.inf, math.inf
+    for sweep in range(MAX_SWEEPS):
+        _follow(problem, state, time, step, w)
+        for j in range(5):
+            if (j == 0) == (sweep == 0):  # the first node does not change
+                _laws_at(problem, r, start, step, j, w)
+        if sweep == 0:
+            _repeat_first(w)
+        change, size = _refit(problem.regimes, r, w)
         if problem.counts[LAW_STATES] > 0:
-            _hold_states(state.z, w)
-        speed = _modal_speed(problem.regimes, r, state.y, state.v)
-        held, before, earlier = False, math.inf, math.inf
-        for sweep in range(MAX_SWEEPS):
-            _follow(problem, state, time, step, w)
-            for j in range(5):
-                if (j == 0) == (sweep == 0):  # the first node does not change
-                    _laws_at(problem, r, start, step, j, w)
-            if sweep == 0:
-                _repeat_first(w)
-            change, size = _refit(problem.regimes, r, w)
-            if problem.counts[LAW_STATES] > 0:
-                _integrate_states(problem, state.z, step, 0, PROBE_INDEX, w)
-            close = sweep > 0 and (change <= LOAD_TOLERANCE * size or change * step <= NEGLIGIBLE_CHANGE * speed)
-            # the loads follow internal states one sweep late, so with those they have to hold twice
-            converged = close and (problem.counts[LAW_STATES] == 0 or held)
-            held = close
-            if converged or (sweep > 2 and not close and change > MAX_LOAD_CONTRACTION * earlier):
-                break
-            before, earlier = change, before
-        if converged and problem.exact:
-            _respond(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
-            converged = _is_resolved(problem, r, state, start, step, speed, w)
+            _integrate_states(problem, state.z, step, 0, PROBE_INDEX, w)
+        close = sweep > 0 and (change <= LOAD_TOLERANCE * size or change * step <= NEGLIGIBLE_CHANGE * speed)
+        # the loads follow internal states one sweep late, so with those they have to hold twice
+        converged = close and (problem.counts[LAW_STATES] == 0 or held)
+        held = close
+        if converged or (sweep > 2 and not close and change > MAX_LOAD_CONTRACTION * earlier):
+            break
+        before, earlier = change, before
+    if not converged:
+        return NOT_CONVERGED if problem.counts[LAW_STATES] > 0 else MISSED_BETWEEN
+    if not problem.exact:
+        return LOADS_HOLD
+    _respond(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
+    return LOADS_HOLD if _is_resolved(problem, r, state, start, step, speed, w) else MISSED_BETWEEN
+
+
+@njit(**WITHIN)
+def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> int:
+    """Work out all loads over a step from `time` [s] since the whole period.
+
+    Returns
+    -------
+    outcome : LOADS_HOLD; MISSED_BETWEEN, where the polynomials miss force laws between the nodes, or force laws without
+        internal states do not converge; NOT_CONVERGED, where the loads are wrong
+    """
+    r = modal_row(r)
+    resolved = set_input(problem, state, time, step, w)
+    _set_base(problem.regimes, r, step, w)
+    outcome = LOADS_HOLD
+    if problem.exact and not resolved:
+        outcome = NOT_CONVERGED
+    elif problem.counts[FORCE_LAWS] > 0:
+        outcome = _collocate_force_laws(problem, r, state, time, step, w)
     _set_added(problem, r, step, w)
-    return converged
+    return outcome

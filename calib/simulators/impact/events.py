@@ -26,11 +26,11 @@ from calib.simulators.law_calls import restitution
 
 @njit(**WITHIN)
 def coefficient(problem: Problem, speed: float) -> float:
-    """Coefficient of restitution at a closing speed [m/s], laws included, within [0, 1]."""
+    """Coefficient of restitution at a closing speed [m/s], laws included, within [0, 1]; NaN where a law is."""
     e = problem.restitution
     for i in range(problem.counts[RESTITUTION_LAWS]):
         e += restitution(problem.restitution_laws[i], problem.restitution, speed, problem.restitution_p[i])
-    return min(1.0, max(0.0, e))
+    return min(max(e, 0.0), 1.0)  # in this order NaN is kept, and ends the run
 
 
 @njit(**WITHIN)

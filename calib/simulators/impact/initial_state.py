@@ -22,6 +22,8 @@ from calib.simulators.impact.problem import (
 )
 from calib.simulators.impact.scratch import scratch
 
+DIVERGENCE_FACTOR = 1e6  # of a motion that counts as diverged, over the largest displacement to be expected  [1]
+
 
 def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
     """Return the state at phase zero with coordinates q [m] and velocities dq [m/s] (n,).
@@ -53,10 +55,18 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
             regime = CONTACT if rate < 0.0 or at_rest else FREE
             touch = 0 if regime == CONTACT else (HIT if rate > 0.0 else RELEASED)
             y, v = modal(regime, q, dq - rate * problem.hit if regime == CONTACT else dq)
-    state = ImpactState(y, v, np.zeros((*problem.acts.shape, STATES)), np.zeros(3), np.zeros(7, dtype=np.int64))
+    z, counters = np.zeros((*problem.acts.shape, STATES)), np.zeros(7, dtype=np.int64)
+    state = ImpactState(y, v, z, np.zeros(3), counters, _limits(problem, q, dq))
     state.counters[REGIME], state.counters[TOUCH] = regime, touch
     state.clock[CLOSING] = speed
     return state
+
+
+def _limits(problem: Problem, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Displacement [m] and velocity [m/s] (2,) beyond which a motion from q, q' (n,) counts as diverged."""
+    slowest = max(math.sqrt(np.abs(problem.regimes.stiffness[FREE]).min()), 1.0 / problem.period)
+    extent = max(problem.extent, np.abs(q).max(), np.abs(dq).max() / slowest)
+    return DIVERGENCE_FACTOR * extent * np.array([1.0, problem.fastest])
 
 
 def _in_compliance(problem: Problem, depth: float, rate: float) -> tuple[int, int, float]:

@@ -1,7 +1,5 @@
 """A run over a number of periods: step by step, with its samples, sections and impacts."""
 
-import math
-
 import numpy as np
 from numba import njit
 
@@ -10,10 +8,10 @@ from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, REGIME, SECTIONS, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
-from calib.simulators.impact.step import complete_step, flow_within, next_step
+from calib.simulators.impact.step import UNCONVERGED, complete_step, flow_within, next_step
 from calib.simulators.impact.witness import FAILED
 
-DONE, SETTLED, DIVERGED, SPENT = 0, 1, 2, 3  # how a run ends
+DONE, SETTLED, DIVERGED, SPENT, STALLED = 0, 1, 2, 3, 4  # how a run ends
 MAX_SETTLED_PERIOD = 16  # periods of a motion that counts as settled
 
 
@@ -42,12 +40,12 @@ def write_row(
 
 
 @njit(**WITHIN)
-def within(row: np.ndarray, n: int, limit: float) -> bool:
-    """Whether all displacements and velocities of a row are below the limit (and are numbers)."""
-    size = 0.0
-    for j in range(2 * n):
-        size = max(size, abs(row[j])) if math.isfinite(row[j]) else math.inf
-    return size < limit
+def within(row: np.ndarray, n: int, limits: np.ndarray) -> bool:
+    """Whether the displacements and the velocities of a row are below their limits (and are numbers)."""
+    below = True
+    for j in range(n):
+        below = below and abs(row[j]) < limits[0] and abs(row[n + j]) < limits[1]
+    return below
 
 
 @njit(**WITHIN)
@@ -96,7 +94,7 @@ def advance(
 
     Returns
     -------
-    outcome : DONE, SETTLED, DIVERGED or SPENT
+    outcome : DONE, SETTLED, DIVERGED, SPENT, or STALLED where the loads of laws converge over no step
     """
     n = state.y.size
     ye, ve = state.y.copy(), state.v.copy()
@@ -107,6 +105,8 @@ def advance(
         outcome, tau, step = next_step(problem, state, w, ye, ve)
         if outcome == FAILED:
             return DIVERGED
+        if outcome == UNCONVERGED:
+            return STALLED
         if state.counters[STEPS] > budget:
             return SPENT
         since = (state.counters[AT_PERIOD] - begin) * problem.period + time
@@ -125,7 +125,7 @@ def advance(
             write_row(problem, r, ye, ve, time, to_end, step, w, sections[done])
             state.counters[SECTIONS] += 1
             done += 1
-            if not within(sections[done - 1], n, problem.limit):
+            if not within(sections[done - 1], n, state.limits):
                 return DIVERGED
             settled = tolerance > 0.0 and _has_settled(sections, done - 1, n, tolerance)
             if not problem.exact and (settled or done == periods):

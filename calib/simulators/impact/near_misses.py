@@ -9,7 +9,7 @@ from calib.simulators.compilation import COMPILED
 from calib.simulators.impact.flow import flow
 from calib.simulators.impact.problem import AT_PERIOD, FREE, REGIME, RELEASED, STEPS, TOUCH, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
-from calib.simulators.impact.step import complete_step, next_step
+from calib.simulators.impact.step import UNCONVERGED, complete_step, next_step
 from calib.simulators.impact.witness import FAILED, witness
 
 SAMPLES_PER_PERIOD = 256  # of the clearance's rate in a period
@@ -39,7 +39,7 @@ def nearest_passes(
     while state.counters[AT_PERIOD] == 0:
         r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)
-        if outcome == FAILED or state.counters[STEPS] > budget:
+        if outcome in (FAILED, UNCONVERGED) or state.counters[STEPS] > budget:
             return -1
         if r == FREE:
             pieces = max(1, math.ceil(SAMPLES_PER_PERIOD * tau / problem.period))

@@ -13,17 +13,18 @@ from calib.modelling.orbit import Orbit, Tangent
 from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.simulators.impact import kernel
+from calib.simulators.impact.impact_record import advance_with_impacts
 from calib.simulators.impact.initial_state import memory, remembers_speed, start, with_memory
 from calib.simulators.impact.modal_system import modal_system
 from calib.simulators.impact.near_misses import nearest_passes
-from calib.simulators.impact.problem import AT_PERIOD, FORCE_LAWS, IMPACTS, PORT, ImpactState, Problem
+from calib.simulators.impact.problem import AT_PERIOD, FORCE_LAWS, PORT, ImpactState, Problem
 from calib.simulators.impact.run import STATUS
 from calib.simulators.impact.scratch import scratch
 from calib.simulators.impact.tangent import carry
 
 MAX_STEPS_PER_PERIOD = 20_000  # on average over the periods of a run
 BATCH_PERIODS = 64  # that the kernel runs in one call
-MAX_IMPACTS_PER_PERIOD = 256  # that are returned, on average over a batch
+IMPACTS_PER_PERIOD = 256  # for which there is room, on average over a batch; where there are more, it is run again
 MAX_MINIMA = 64  # of the clearance in a period
 
 Channels = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -35,8 +36,7 @@ class ImpactMap:
 
     The state holds the free coordinates [m], their velocities [m/s], the internal states of the force laws and, where
     the loss of a compliant contact depends on it, the closing speed at which the present contact began [m/s], zero out
-    of contact. A state beyond a rigid stop is put back onto it. Of the impacts in 64 periods, the first 16384 are
-    returned: 256 a period, and where the state holds more than the motion 256 of each period.
+    of contact. A state beyond a rigid stop is put back onto it.
 
     Attributes
     ----------
@@ -75,18 +75,19 @@ class ImpactMap:
         by_speed = remembers_speed(self.problem)
         rows, inner = np.zeros((periods, 2 * n + 2)), np.zeros((periods, len(self.law_states) + by_speed))
         batch = 1 if inner.shape[1] else BATCH_PERIODS  # the kernel's rows do not hold what is beside the motion
-        impact_rows = np.empty((MAX_IMPACTS_PER_PERIOD * min(batch, periods), 2 + 2 * n))
+        capacity = IMPACTS_PER_PERIOD * min(batch, periods)
         impacts = [np.zeros((0, 2 + 2 * n))]
         w, none, code = scratch(self.problem), np.zeros((0, 2 * n + 2)), kernel.DONE
         budget = MAX_STEPS_PER_PERIOD * periods
         for first in range(0, periods, batch):
             part = rows[first : first + batch]
-            code = kernel.advance(self.problem, now, w, len(part), 0.0, budget, part, np.zeros(0), none, impact_rows)
+            code, passed = advance_with_impacts(
+                self.problem, now, w, len(part), 0.0, budget, part, np.zeros(0), none, capacity
+            )
+            impacts.append(passed)
             if inner.shape[1]:
                 closing = [memory(self.problem, now)[-1]] if by_speed else []
                 inner[first] = [*(now.z[place] for place in self.law_states), *closing]
-            impacts.append(impact_rows[: int(now.counters[IMPACTS])].copy())
-            now.counters[IMPACTS] = 0
             if code != kernel.DONE:
                 break
         done = int(now.counters[AT_PERIOD])

@@ -99,9 +99,11 @@ class Problem(NamedTuple):
     onto_surface : whether an impact that was not located also puts the body back on the surface
     step : longest step  [s]; infinite where closed forms reach as far as they like
     collocated : whether loads enter by polynomials over the step
+    loaded_by_rate : whether the rate of the input loads the structure, or moves its coordinates
     resolution : to which event times are located  [s]
     lift : flight after a release over which no event is searched for  [s]
-    limit : |q| beyond which the motion counts as diverged  [m]
+    extent : largest displacement that the gap, the drive, the loads and the scale of the motion let expect  [m]
+    fastest : highest angular frequency or rate of decay in the motion  [rad/s]
     knots : (k + 1,) ends of the table's pieces  [s]; (0,) without a table
     table : (k, 4) coefficients of U = c0 + c1 s + c2 s^2 + c3 s^3, s the time since the piece's start  [s]
     force, excitation, restitution_laws : (m,) laws of each site (see `law_calls`)
@@ -127,9 +129,11 @@ class Problem(NamedTuple):
     onto_surface: bool
     step: float
     collocated: bool
+    loaded_by_rate: bool
     resolution: float
     lift: float
-    limit: float
+    extent: float
+    fastest: float
     knots: np.ndarray
     table: np.ndarray
     force: np.ndarray
@@ -156,6 +160,7 @@ class ImpactState(NamedTuple):
     counters : (7,) whole periods done; regime (FREE, CONTACT of a rigid stop, COMPRESSION or PARTED of a compliant
         one); steps taken; piece of the table; whether the stop is being touched (HIT, RELEASED, else 0); impacts;
         sections taken
+    limits : (2,) displacement [m] and velocity [m/s] beyond which the motion counts as diverged
     """
 
     y: np.ndarray
@@ -163,6 +168,7 @@ class ImpactState(NamedTuple):
     z: np.ndarray
     clock: np.ndarray
     counters: np.ndarray
+    limits: np.ndarray
 
 
 # entry REGIME of the counters; PARTED: beyond the surface of a compliant stop, whose force has come down to zero

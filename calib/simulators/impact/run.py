@@ -7,14 +7,16 @@ import numpy as np
 
 from calib.records import MIN_SECTION_PERIODS, OK
 from calib.simulators.impact import kernel
+from calib.simulators.impact.impact_record import advance_with_impacts
 from calib.simulators.impact.initial_state import memory
-from calib.simulators.impact.problem import AT_PERIOD, IMPACTS, SECTIONS, STEPS, ImpactState, Problem
+from calib.simulators.impact.problem import AT_PERIOD, SECTIONS, STEPS, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch, scratch
 from calib.simulators.impact.shooting import shoot
 
 SETTLING_TOLERANCE = 1e-10  # relative change of the section
 MAX_SETTLING_PERIODS = 1000  # after which a motion that has not settled is taken as it is
-STATUS = {kernel.DIVERGED: "diverged", kernel.SPENT: "step budget"}
+INITIAL_CAPACITY = 4096  # impacts that a record has room for; where there are more, it is made again with room for all
+STATUS = {kernel.DIVERGED: "diverged", kernel.SPENT: "step budget", kernel.STALLED: "step budget"}
 
 
 class SimulatedMotion(NamedTuple):
@@ -65,18 +67,23 @@ class _Run:
 
     def advance(self, periods: int, tolerance: float = 0.0) -> tuple[int, np.ndarray]:
         """Go on by so many periods, or until the section has settled; the outcome, and the sections taken."""
-        return self.record(periods, np.zeros(0), self.no_rows, self.no_rows, tolerance)
-
-    def record(
-        self, periods: int, times: np.ndarray, samples: np.ndarray, impacts: np.ndarray, tolerance: float = 0.0
-    ) -> tuple[int, np.ndarray]:
-        """Go on as `advance` does; `samples` at `times` and `impacts` are written as `kernel.advance` says."""
-        rows = np.zeros((periods, 2 * len(self.state.y) + 2))
+        rows, none = self._sections(periods), self.no_rows
         before = int(self.state.counters[SECTIONS])
         outcome = kernel.advance(
-            self.problem, self.state, self.w, periods, tolerance, self.budget, rows, times, samples, impacts
+            self.problem, self.state, self.w, periods, tolerance, self.budget, rows, np.zeros(0), none, none
         )
         return outcome, rows[: int(self.state.counters[SECTIONS]) - before]
+
+    def record(self, periods: int, times: np.ndarray, samples: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+        """Go on by so many periods, writing `samples` at `times`; the outcome, the sections taken, all impacts."""
+        rows, before = self._sections(periods), int(self.state.counters[SECTIONS])
+        outcome, impacts = advance_with_impacts(
+            self.problem, self.state, self.w, periods, 0.0, self.budget, rows, times, samples, INITIAL_CAPACITY
+        )
+        return outcome, rows[: int(self.state.counters[SECTIONS]) - before], impacts
+
+    def _sections(self, periods: int) -> np.ndarray:
+        return np.zeros((periods, 2 * len(self.state.y) + 2))
 
 
 def simulate(
@@ -87,7 +94,6 @@ def simulate(
     settle: int | None = None,
     sections: int = MIN_SECTION_PERIODS,
     budget: int = 50_000_000,
-    capacity: int = 4096,
     near: bool = False,
 ) -> SimulatedMotion:
     """Settle, then record `periods` periods.
@@ -101,7 +107,6 @@ def simulate(
         `sections` of them
     sections : that the motion gives at least; where `settle` is given, the run goes on after the recorded periods for
         those that are missing
-    capacity : impacts that are recorded at most
     near : whether the state lies near a motion that returns after one period: where shooting finds that motion, one
         period of it stands for all, whose `times` are the same, and there are no more sections than recorded periods
     """
@@ -109,13 +114,13 @@ def simulate(
         periodic = shoot(problem, state, scratch(problem), budget)
         if periodic is not None:
             first = times[: len(times) // periods]
-            return _repeated(simulate(problem, periodic, first, 1, 0, 1, budget, capacity), periods, problem.period)
+            return _repeated(simulate(problem, periodic, first, 1, 0, 1, budget), periods, problem.period)
     run = _Run(problem, state, scratch(problem), budget)
     outcome, dropped = _settled(run, settle, max(0, sections - periods))
     samples = np.zeros((len(times), 2 * len(state.y) + 2))
     recorded, impacts, contact = run.no_rows, run.no_rows, 0.0
     if outcome in (kernel.DONE, kernel.SETTLED):
-        outcome, recorded, impacts, contact = _recorded(run, periods, times, samples, capacity)
+        outcome, recorded, impacts, contact = _recorded(run, periods, times, samples)
     missing, after = sections - len(dropped) - len(recorded), run.no_rows
     if outcome == kernel.DONE and missing > 0:
         outcome, after = run.advance(missing)
@@ -138,18 +143,16 @@ def _settled(run: _Run, settle: int | None, more: int) -> tuple[int, np.ndarray]
 
 
 def _recorded(
-    run: _Run, periods: int, times: np.ndarray, samples: np.ndarray, capacity: int
+    run: _Run, periods: int, times: np.ndarray, samples: np.ndarray
 ) -> tuple[int, np.ndarray, np.ndarray, float]:
     """Record periods, writing `samples` at `times`; the outcome, sections, impacts and the share of time in contact."""
     state, period = run.state, run.problem.period
-    impacts = np.zeros((capacity, 2 + 2 * len(state.y)))
     begins = int(state.counters[SECTIONS]) * period
-    contact_before, state.counters[IMPACTS] = state.clock[1], 0
-    outcome, sections = run.record(periods, np.array(times, dtype=float), samples, impacts)
-    contact = (state.clock[1] - contact_before) / (periods * period)
-    impacts = impacts[: min(capacity, int(state.counters[IMPACTS]))]
+    elapsed = periods * period - (state.clock[0] if begins == 0.0 else 0.0)  # a recorded input may begin before time 0
+    contact_before = float(state.clock[1])
+    outcome, sections, impacts = run.record(periods, np.array(times, dtype=float), samples)
     impacts[:, 0] -= begins
-    return outcome, sections, impacts, contact
+    return outcome, sections, impacts, (state.clock[1] - contact_before) / elapsed
 
 
 def _reason(outcome: int, run: _Run) -> str:
@@ -157,6 +160,8 @@ def _reason(outcome: int, run: _Run) -> str:
     period = int(run.state.counters[AT_PERIOD])
     if outcome == kernel.DIVERGED:
         return f"the motion grew beyond bounds in period {period}"
+    if outcome == kernel.STALLED:
+        return f"the internal states of the force laws converge over no time step in period {period}"
     return f"{run.budget} steps were spent by period {period}" if outcome == kernel.SPENT else ""
 
 

@@ -10,13 +10,14 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import INLINED, WITHIN
-from calib.simulators.impact.collocation import collocate
+from calib.simulators.impact.collocation import LOADS_HOLD, MISSED_BETWEEN, NOT_CONVERGED, collocate
 from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
 from calib.simulators.impact.problem import (
     AT_PERIOD,
     COMPRESSION,
     CONTACT,
+    EXCITATION_LAWS,
     FORCE_LAWS,
     FREE,
     LAW_STATES,
@@ -33,7 +34,9 @@ from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.impact.surface import meet_surface, next_step_in_contact
 from calib.simulators.impact.witness import EVENT, NO_EVENT, first_zero, witness
 
-MIN_STEP_FRACTION = 1.0 / 2048.0  # of the longest step: shorter ones are not halved, whether their loads hold or not
+MIN_STEP_FRACTION = 1.0 / 2048.0  # of the longest step: shorter ones are not halved where laws are missed between nodes
+MIN_CONVERGED_FRACTION = 2.0**-40  # of the longest step: no loads converge that do not over so short a step
+UNCONVERGED = 3  # outcome of a step, beside those of `first_zero`
 MAX_RETAKES = 6  # times a step is taken anew up to the event in it
 
 
@@ -68,13 +71,13 @@ def next_step_out_of_compliance(
 
     Returns
     -------
-    outcome : of `first_zero`
+    outcome : of `first_zero`; UNCONVERGED where the loads of laws do not converge over any step
     tau : when the step ends  [s]
     step : length over which the loads' polynomials hold  [s]
     """
     r, time = state.counters[REGIME], state.clock[0]
     step = _step_length(problem, state)
-    laws_act = problem.exact and problem.counts[FORCE_LAWS] > 0
+    laws_act = problem.exact and (problem.counts[FORCE_LAWS] > 0 or problem.counts[EXCITATION_LAWS] > 0)
     # 0.99: no sliver is left of the step, which rounding might make nothing of
     if laws_act and 2.0 * w.resolved_step[0] < 0.99 * step:
         step = 2.0 * w.resolved_step[0]
@@ -83,8 +86,11 @@ def next_step_out_of_compliance(
     while True:
         state.counters[STEPS] += 1
         if problem.collocated:
-            converged = collocate(problem, r, state, time, step, w)
-            if not converged and problem.exact and step > MIN_STEP_FRACTION * problem.step:
+            loads = collocate(problem, r, state, time, step, w)
+            if loads == NOT_CONVERGED and problem.exact and step <= MIN_CONVERGED_FRACTION * problem.step:
+                return UNCONVERGED, 0.0, step
+            shortest = MIN_STEP_FRACTION if loads == MISSED_BETWEEN else 0.0
+            if loads != LOADS_HOLD and problem.exact and step > shortest * problem.step:
                 halved, unresolved = True, unresolved or retakes > 0
                 retakes = 0
                 step *= 0.5

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from calib.simulators.compilation import INLINED, WITHIN
-from calib.simulators.impact.collocation import collocate, set_given_loads
+from calib.simulators.impact.collocation import LOADS_HOLD, collocate, set_given_loads
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.crossing import has_series_at_ends, rescale_about_crossing, time_about_crossing
 from calib.simulators.impact.events import note_impact
@@ -241,7 +241,7 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     about, regularised = w.contact[KNOWN, SERIES] == LATTICE, w.contact[KNOWN, SERIES] == FICTITIOUS
     while shortenings <= MAX_SHORTENINGS:
         state.counters[STEPS] += 1
-        holds = collocate(problem, state.counters[REGIME], state, time, step, w) if problem.collocated else True
+        holds = not problem.collocated or collocate(problem, state.counters[REGIME], state, time, step, w) == LOADS_HOLD
         tail, ratio = expand_contact(problem, state, time, step, w)
         if not math.isfinite(tail):  # over so long a step the series grow beyond bounds, or the loads made of them
             shortenings += 1

@@ -433,7 +433,7 @@ def carry(
         _carry_step(problem, r, state, step, tau, w, dy, dv, dspeed)
         if tau >= problem.period - time:
             write_row(problem, r, ye, ve, time, tau, step, w, sections[done])
-            if not within(sections[done], n, problem.limit):
+            if not within(sections[done], n, state.limits):
                 return DIVERGED, done
             if vectors.shape[0] > 2 * n:
                 sections[done, 2 * n + 2] = state.clock[CLOSING] if r != FREE else 0.0

@@ -21,6 +21,7 @@ from calib.simulators.impact.assembly import ImpactDrive, assemble
 from calib.simulators.impact.contact_laws import COMPLIANT, CONTACTS, ContactName, stop_law, with_contact
 from calib.simulators.impact.initial_state import start, with_memory
 from calib.simulators.impact.modes import LinearStructure, Stop, viscous
+from calib.simulators.impact.output_times import output_times
 from calib.simulators.impact.period_map import ImpactMap, impact_map, shifted
 from calib.simulators.impact.problem import PORT
 from calib.simulators.impact.refinement import UNREFINED
@@ -249,19 +250,7 @@ def _times(excitation: Excitation, request: Request) -> np.ndarray:
     """Output times (n,) [s]."""
     if excitation.harmonic:
         return np.arange(request.periods * request.samples) / (excitation.as_harmonic.frequency * request.samples)
-    begins, ends, recorded = 0.0, math.inf, None
-    if excitation.recorded:
-        recorded = excitation.as_samples.time
-        begins, ends = recorded[0], recorded[-1]
-        recorded = recorded[recorded >= 0.0]
-    times = request.output_times(recorded)
-    reach = 1e-6 * (times[-1] - times[0]) / times.size
-    if times[0] < begins - reach or times[-1] > ends + reach:
-        raise CalibError(
-            f"output is requested from {times[0]:.6g} to {times[-1]:.6g} s, but the input lasts from {begins:.6g} "
-            f"to {ends:.6g} s; request less or record more"
-        )
-    return np.clip(times, begins, ends)
+    return output_times(excitation, request)[0]
 
 
 def _attrs(values: Mapping[str, float], excitation: Excitation) -> dict[str, Any]:

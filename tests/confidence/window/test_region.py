@@ -15,9 +15,9 @@ from calib.confidence.window.emulated_margin import signed_distances
 from calib.confidence.window.faces import faces
 from calib.confidence.window.observed import KIND_MARGIN, Observed, graded
 from calib.confidence.window.region import emulated
-from calib.confidence.window.sampling import region_sample
+from calib.confidence.window.sampling import fine_sample, region_sample
 from calib.confidence.window.shape import extent_along_axes, inscribed_ellipsoid, largest_box
-from calib.confidence.window.share import volume_share
+from calib.confidence.window.share import undiscovered_share, volume_share
 
 CENTRE, RADIUS, WALL = np.array([0.4, 0.5]), 0.25, 0.55
 
@@ -187,6 +187,35 @@ def test_the_share_is_bounded_by_the_design_as_long_as_no_admissible_point_is_kn
     share = volume_share(region, region_sample(region, np.zeros((0, 2)), 1), observed, 1)
     assert share.low == 0.0
     assert (1.0 - share.high) ** start_points(2) == pytest.approx(0.025)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_part_of_the_window_that_no_point_has_met_is_within_the_bound_of_undiscovered_ones(seed):
+    """Two discs of known kind and no margin, the second a sixth as large as the first and far from it."""
+
+    def discs(points):
+        large = np.linalg.norm(points - [0.35, 0.4], axis=1) < 0.2
+        small = np.linalg.norm(points - [0.85, 0.85], axis=1) < 0.08
+        return Observed(points, large | small, np.zeros((len(points), 0)), (), ())
+
+    truth = np.pi * (0.2**2 + 0.08**2)
+    bounds = []
+    for number in (32, 128):
+        region, observed = explored(discs, 2, number, seed=seed)
+        sample = fine_sample(region, observed.points[observed.admissible], seed)
+        share, undiscovered = (f(region, sample, observed, seed) for f in (volume_share, undiscovered_share))
+        assert share.high + undiscovered.high > truth
+        bounds.append(undiscovered)
+    assert bounds[1].high < 0.8 * bounds[0].high
+    assert bounds[0].points < bounds[1].points
+
+
+def test_no_part_is_undiscovered_outside_a_window_that_is_the_whole_box():
+    points = space_filling(2, 32, 1)
+    near = graded(0.1 + 0.1 * points[:, 0], 1.0)
+    observed = Observed(points, np.ones(len(points), dtype=bool), near[:, None], ("misfit",), (False,))
+    region = emulated(observed)
+    assert undiscovered_share(region, region_sample(region, points, 1), observed, 1).high == 0.0
 
 
 @pytest.mark.slow

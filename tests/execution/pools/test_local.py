@@ -88,6 +88,19 @@ def test_a_call_fails_alone_with_status_and_reason(how, status, reason):
     assert reason in answers[1].reason
 
 
+@pytest.mark.parametrize(
+    ("how", "message", "code"),
+    [("interrupt", "KeyboardInterrupt", "raise KeyboardInterrupt"), ("quit", "SystemExit: 3", "sys.exit(3)")],
+)
+def test_what_ends_an_interpreter_is_reported_with_the_line_that_raised_it(how, message, code):
+    with LocalPool(f.misbehave, 1) as pool:
+        failure = results(pool, [how])[0]
+    lines = Path(f.__file__).read_text().splitlines()
+    [line] = [number for number, text in enumerate(lines, 1) if text.strip() == code]
+    assert failure.status == "raised"
+    assert failure.reason == f"{message} ({f.__file__}, line {line}: {code})"
+
+
 def test_an_exception_is_reported_with_the_line_that_raised_it():
     with InProcess(f.misbehave) as pool:
         ((index, failure),) = pool.map(["raise"])

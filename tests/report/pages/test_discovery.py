@@ -86,7 +86,7 @@ def test_a_law_of_history_stands_in_the_place_of_the_formula(periodic, undrawn):
     page = words(render(periodic.study, [], {}, CALIBRATED, discovery=of_history))
     assert "history dependent It depends on history." in page
     assert "Force per unit mass, presliding: -dahl_force z." in page
-    assert "dahl_force 0.08880 0.0004 m/s² friction per unit mass when it slips" in page
+    assert "dahl_force 0.08880 0.00040 m/s² friction per unit mass when it slips" in page
     assert "presliding 791 808 bouc_wen 790 814" in page
 
 

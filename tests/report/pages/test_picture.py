@@ -33,8 +33,10 @@ def test_links_within_a_picture_work_whatever_its_record_is_called():
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_figure_that_cannot_be_drawn_is_named(jobs):
+def test_in_the_place_of_a_figure_that_cannot_be_drawn_stands_why(jobs):
     figure = Figure()
-    figure.text(0.5, 0.5, r"$\frac$")
-    with pytest.raises(RuntimeError, match="'b' cannot be drawn: ValueError"):
-        drawn([line(1.0, "a"), pictured(figure, "b", "")], jobs)
+    figure.text(0.5, 0.5, r"$\frac<b>$", parse_math=True)
+    elements = drawn([line(1.0, "a"), pictured(figure, "b", "")], jobs)
+    assert elements["a"].startswith("<svg")
+    assert elements["b"].startswith("<p>This figure cannot be drawn: ValueError")
+    assert "<b>" not in elements["b"]

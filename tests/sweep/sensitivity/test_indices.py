@@ -11,9 +11,10 @@ from stated_interval import half_widths
 from calib.errors import CalibError
 from calib.sweep.sensitivity import MORRIS, SOBOL, SensitivityDesign
 from calib.sweep.sensitivity.analyse import sensitivity
-from calib.sweep.sensitivity.document import FEATURE, GIVEN_DATA, KIND, SALTELLI
+from calib.sweep.sensitivity.document import FEATURE, GIVEN_DATA, KIND, SALTELLI, STATUS
 from calib.sweep.sensitivity.morris import MIN_EFFECTS
 from calib.sweep.sensitivity.outputs import Output
+from calib.sweep.sensitivity.variance import MIN_OTHER_SAMPLES, easi
 
 NAMES = ("x", "y", "z")
 ISHIGAMI_FIRST = (0.3139, 0.4424, 0.0)  # with a = 7, b = 0.1 (Saltelli et al. 2008, Global Sensitivity Analysis)
@@ -86,6 +87,46 @@ def test_indices_do_not_depend_on_the_unit():
         assert its.total.value == pytest.approx(mine.total.value, abs=1e-6)
 
 
+@pytest.mark.parametrize("failed", [[0], [1], [0, 5, 10, 50], list(range(1, 5 * (MIN_OTHER_SAMPLES - 1), 5))])
+def test_no_index_is_said_of_what_happens_in_few_base_samples(failed):
+    """The first point of each five is A, the second differs from it in the first parameter alone."""
+    design = SensitivityDesign(SOBOL, 3, 128, seed=1)
+    values = np.ones(design.size)
+    values[failed] = 0.0
+    result = found(design, values, STATUS)
+    assert not result.influences
+    assert result.reason == (
+        f"not available: {len(failed)} of 128 base samples show another value than the most frequent one, 25 are needed"
+    )
+
+
+def test_intervals_of_a_rare_kind_hold_the_indices():
+    """It is where x and y are below q, at a share q^2 = 8 % of the points: S = q / (1 + q), T = 1 / (1 + q)."""
+    q, held, designs = np.sqrt(0.08), np.zeros((2, 3)), 40
+    first, total = np.array([q, q, 0.0]) / (1.0 + q), np.array([1.0, 1.0, 0.0]) / (1.0 + q)
+    for seed in range(designs):
+        design = SensitivityDesign(SOBOL, 3, 256, seed)
+        influences = found(design, np.all(design.points[:, :2] < q, axis=1).astype(float), KIND).influences
+        for axis, one in enumerate(influences):
+            held[:, axis] += half_widths(one.first, first[axis]) <= 1.0, half_widths(one.total, total[axis]) <= 1.0
+    assert (held >= 0.85 * designs).all()
+
+
+def test_indices_are_of_the_variance_of_all_points():
+    """A and B alone may happen to vary less: here they do not vary at all, while a tenth of all points is different."""
+    design = SensitivityDesign(SOBOL, 3, 64, seed=1)
+    grouped = np.zeros((64, 5))
+    grouped[::2, 1] = 1.0
+    x, y, z = found(design, grouped.ravel(), KIND).influences
+    assert x.total.value == pytest.approx(0.25 / (0.1 * 0.9))
+    assert x.total.low < x.total.value < x.total.high
+    assert y.total.value == z.total.value == 0.0
+
+
+def test_a_resample_of_equal_values_has_no_first_order_index():
+    assert np.isnan(easi(np.linspace(0.0, 1.0, 40), np.ones(40)))
+
+
 def test_where_the_kind_jumps_indices_are_of_one_kind_alone():
     """The third parameter decides the kind; within the measured one, x and y have 4/5 and 1/5 of the variance."""
     design = SensitivityDesign(SOBOL, 3, 256, seed=3)
@@ -145,7 +186,7 @@ def test_elementary_effects_across_a_jump_of_kind_are_left_out_and_counted():
 
 
 def test_what_too_few_points_show_is_not_available():
-    morris, sobol = SensitivityDesign(MORRIS, 3, 10, seed=1), SensitivityDesign(SOBOL, 3, 16, seed=1)
+    morris, sobol = SensitivityDesign(MORRIS, 3, 10, seed=1), SensitivityDesign(SOBOL, 3, 64, seed=1)
     few = np.full(morris.size, np.nan)
     few[:2] = 1.0, 2.0
     assert all(one.mu_star is None and one.reason for one in found(morris, few).influences)
@@ -157,7 +198,7 @@ def test_what_too_few_points_show_is_not_available():
 
 @pytest.mark.parametrize("method", [MORRIS, SOBOL])
 def test_what_is_the_same_everywhere_has_no_indices(method):
-    design = SensitivityDesign(method, 3, 16, seed=1)
+    design = SensitivityDesign(method, 3, 64, seed=1)
     assert found(design, np.full(design.size, 0.3)).reason == "no parameter moves it: it is 0.3 at all points"
     assert "measured kind at all points" in found(design, np.ones(design.size), KIND).reason
     assert "at no point" in found(design, np.zeros(design.size), KIND).reason
@@ -165,7 +206,7 @@ def test_what_is_the_same_everywhere_has_no_indices(method):
 
 @pytest.mark.parametrize("method", [MORRIS, SOBOL])
 def test_a_larger_design_begins_with_the_smaller_one(method):
-    small, large = SensitivityDesign(method, 3, 16, seed=5), SensitivityDesign(method, 3, 32, seed=5)
+    small, large = SensitivityDesign(method, 3, 64, seed=5), SensitivityDesign(method, 3, 128, seed=5)
     np.testing.assert_array_equal(large.points[: small.size], small.points)
     assert small.points.shape == (small.size, 3)
 
@@ -175,7 +216,7 @@ def test_a_larger_design_begins_with_the_smaller_one(method):
     [
         ("moris", 20, "did you mean 'morris'"),
         (MORRIS, 3, "at least 4 trajectories, got 3"),
-        (SOBOL, 8, "at least 16 samples, got 8"),
+        (SOBOL, 32, "at least 64 samples, got 32"),
         (SOBOL, 100, "the nearest are 64 and 128"),
     ],
 )

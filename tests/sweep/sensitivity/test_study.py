@@ -52,12 +52,12 @@ def influence(result, of, parameter, label=""):
 
 
 def test_the_kind_of_motion_has_its_share_and_what_decides_it(tmp_path):
-    result = sensitivity(write_study(tmp_path, DOUBLED), method="sobol", groups=32)
+    result = sensitivity(write_study(tmp_path, DOUBLED), method="sobol", groups=64)
     shares = {one.motion: one for one in result.shares}
     assert shares["period-1"].measured
     assert not shares["period-2"].measured
     assert shares["period-1"].share.low < 0.5 < shares["period-1"].share.high
-    assert sum(one.points for one in result.shares) == result.points == result.simulations == 128
+    assert sum(one.points for one in result.shares) == result.points == result.simulations == 256
     gain, harmonic = (influence(result, KIND, name) for name in ("gain", "harmonic"))
     assert gain.first.low < 1.0 < gain.first.high
     assert harmonic.total.value == pytest.approx(0.0)
@@ -68,7 +68,7 @@ def test_the_kind_of_motion_has_its_share_and_what_decides_it(tmp_path):
 
 
 def test_failed_runs_are_a_share_of_the_box_and_not_a_number(tmp_path):
-    result = sensitivity(write_study(tmp_path, DOUBLED, FAILING), method="sobol", groups=16)
+    result = sensitivity(write_study(tmp_path, DOUBLED, FAILING), method="sobol", groups=64)
     failed = next(one for one in result.shares if one.failed)
     assert failed.motion == "diverged"
     assert failed.share.low < 0.25 < failed.share.high
@@ -179,7 +179,7 @@ def test_nothing_simulated_is_exit_code_4(tmp_path):
     [
         (("--samples", 64), "takes a number of trajectories, not of samples"),
         (("--method", "sobol", "--trajectories", 8), "takes a number of samples, not of trajectories"),
-        (("--method", "sobol", "--samples", 60), "the nearest are 32 and 64"),
+        (("--method", "sobol", "--samples", 100), "the nearest are 64 and 128"),
         (("--trajectories", 1), "at least 4 trajectories, got 1"),
     ],
 )

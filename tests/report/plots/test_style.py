@@ -1,0 +1,39 @@
+"""Claims about the style of figures: foreign names are drawn as they are, and no label of an axis is in LaTeX."""
+
+import matplotlib as mpl
+import pytest
+from matplotlib.figure import Figure
+
+from calib.report.plots.formula import formula_figure
+from calib.report.plots.style import STYLE, label_powers, logarithmic, svg
+
+
+def drawn(prepare):
+    with mpl.rc_context(STYLE):
+        figure = Figure()
+        prepare(figure.subplots())
+    return svg(figure, "one")
+
+
+@pytest.mark.parametrize("name", ["m$x_{$", r"a $\frac$ b", "p_{in} costs 5$ or 6$", "α_$1$"])
+def test_a_name_with_dollars_is_drawn_as_it_is(name):
+    element = drawn(lambda axes: (axes.set(title=name, xlabel=name), axes.plot([0.0, 1.0], label=name), axes.legend()))
+    assert element.count(f">{name}<") == 3
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "label"), [(1e-7, 1e9, "10⁷"), (1e-3, 1e3, "10⁻²"), (2.0, 5000.0, "10²"), (1.2, 9.0, "2")]
+)
+@pytest.mark.parametrize("labelled", [lambda axis, *ends: label_powers(axis), logarithmic])
+def test_a_logarithmic_axis_is_labelled_without_latex(low, high, label, labelled):
+    def prepare(axes):
+        axes.set(xscale="log", xlim=(low, high))
+        labelled(axes.xaxis, low, high)
+
+    element = drawn(prepare)
+    assert "$" not in element
+    assert f">{label}<" in element
+
+
+def test_a_formula_is_typeset():
+    assert ">$" not in svg(formula_figure(r"c_{1} \dot{q}^{3} + c_{2} q"), "formula")
