@@ -173,8 +173,8 @@ def _allowed(parameter: Parameter) -> str:
     low, high = parameter.low, parameter.high
     if math.isinf(low) and math.isinf(high):
         return "any"
-    if low == ABOVE_ZERO and math.isinf(high):
-        return "above 0"
+    if low == ABOVE_ZERO:
+        return "above 0" if math.isinf(high) else f"above 0, up to {high:g}"
     return f"from {low:g}" if math.isinf(high) else f"up to {high:g}" if math.isinf(low) else f"{low:g} .. {high:g}"
 
 

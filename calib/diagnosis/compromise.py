@@ -74,10 +74,11 @@ def with_pair_beside(
     candidates: Sequence[Candidate],
     seed: int,
 ) -> StepwiseState | None:
-    """Put the best pair in the place of causes of several sizes, beside the others; None where it explains no more.
+    """Put the best pair in the place of causes of several sizes, beside another; None where it explains no more.
 
-    Two effects together may look like a third, but not with one size of it everywhere. Those that a cause of several
-    sizes hides are negligible beside it, so that no search for one more cause finds them.
+    It has to explain more than all causes did, with the penalty of its parameters in AIC and none of theirs. Two
+    effects together may look like a third, but not with one size of it everywhere. Those that a cause of several sizes
+    hides are negligible beside it, so that no search for one more cause finds them.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def with_pair_beside(
         return None
     if any_rejected(fitter, state.null, [cause for cause, _ in causes], final, threshold, base):
         return None
-    reason = f"{', '.join(stand_ins)} has several sizes, and this pair in its place one each"
+    reason = f"the size of {' and of '.join(stand_ins)} is not the same everywhere, and those of these are"
     revised = through_elimination(fitter, state.with_causes(causes, final, reason))
     return revised if revised.is_explained and revised.names == tuple(cause.name for cause, _ in causes) else None
 

@@ -29,7 +29,7 @@ def select(
     """
     state = forward(fitter, _recalibrated(fitter, null), candidates, seed, on_stage)
     state = _searched_again(fitter, state, candidates, seed)
-    stand_ins = [one.effect for one in state.elimination.left_out if one.reason] if state.elimination else []
+    stand_ins = sorted(state.stand_ins - {*state.names})
     if stand_ins and not fitter.effort.spent:
         on_stage("pairs")
         state = with_pair_beside(fitter, state, stand_ins, state.final, candidates, seed) or state

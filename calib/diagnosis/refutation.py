@@ -31,9 +31,9 @@ def revised_by_records(
 
     Where the size of a cause differs, its rivals are tried: those are preferred to it that have one size in the same
     records, each of which determines it well enough to detect the same variation. Where a misfit rises, those of all
-    causes are tried: none is preferred with which that of the same records rises too. Where no rival is better, a cause
-    that differs may stand for two: the best pair is tried in its place. Otherwise it, or the weakest one, is left out
-    if the others explain enough without it. At last a pair is tried that only records held out reveal.
+    causes are tried: none is preferred with which that of the same records rises too. Where no rival is better, one of
+    two causes that differs may stand for two: the best pair is tried in its place. Otherwise it, or the weakest one, is
+    left out if the others explain enough without it. At last a pair is tried that only records held out reveal.
     """
     selection, gain = _with_gain(fitter, bench, selection, seed)
     exchanged_by_records = _exchanged_by_records(fitter, bench, selection, gain, seed)
@@ -59,8 +59,9 @@ def revised_by_records(
 def _parted(
     fitter: Fitter, bench: Bench, selection: Selection, gain: Gain, candidates: Sequence[Candidate], seed: int
 ) -> tuple[Selection, Gain]:
-    """Put the best pair in the place of one of several causes whose size differs, where all causes stand then."""
-    differing = {one.effect for one in selection.heterogeneous} if len(selection.causes) > 1 else set()
+    """Put the best pair in the place of one of two causes whose size differs, where all causes stand then."""
+    room = 1 < len(selection.causes) < CRITERIA.max_causes
+    differing = {one.effect for one in selection.heterogeneous} if room else set()
     for cause in selection.causes:
         if cause.name not in differing or fitter.effort.spent:
             continue

@@ -56,7 +56,7 @@ def paired(fitter: Fitter, selection: Selection, candidates: Sequence[Candidate]
 def parted(
     fitter: Fitter, selection: Selection, cause: Refitted, candidates: Sequence[Candidate], seed: int
 ) -> Selection | None:
-    """Return a selection with the best pair in the place of one of several causes; None where it explains no more."""
+    """Return a selection with the best pair in the place of one of two causes; None where it explains no more."""
     others = [other.candidate for other in selection.causes if other is not cause]
     base = without_cause(fitter, selection.null, selection.final, cause, others)
     if not base.names:

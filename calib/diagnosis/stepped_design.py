@@ -31,7 +31,7 @@ def unread_sweeps(point: DesignPoint, measured: xr.Dataset) -> xr.Dataset:
     levels = np.array([shape(own) for own in frequency.tolist()])
     return make_response(
         frequency, [str(body) for body in measured.body.values],
-        np.ones((measured.sizes["body"], frequency.size)), point.setting("amplitude") * levels / levels.max(),
+        np.zeros((measured.sizes["body"], frequency.size)), point.setting("amplitude") * levels / levels.max(),
         str(measured["level"].attrs["units"]), np.repeat(np.arange(float(len(directions))), count),
         np.repeat(directions, count),
     ).assign_attrs({**measured.attrs, "status": "ok"})  # fmt: skip

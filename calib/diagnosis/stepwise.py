@@ -30,6 +30,7 @@ class StepwiseState:
     exchanges : of causes for others
     elimination : of these causes; None before it
     attained : least chi-square of a model that went through elimination: what its causes explained remains without them
+    stand_ins : names of causes that were eliminated for their several sizes
     """
 
     null: Fit
@@ -40,6 +41,7 @@ class StepwiseState:
     exchanges: tuple[Exchange, ...] = ()
     elimination: Elimination | None = None
     attained: float = np.inf
+    stand_ins: frozenset[str] = frozenset()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -77,7 +79,10 @@ def through_elimination(fitter: Fitter, state: StepwiseState) -> StepwiseState:
         return state
     attained = min(state.attained, state.final.chi2)
     left = eliminated(fitter, state.null, state.causes, state.final, state.rounds[0].threshold, attained)
-    return replace(state, causes=left.causes, final=left.final, elimination=left, attained=attained)
+    stand_ins = state.stand_ins | {one.effect for one in left.left_out if one.reason}
+    return replace(
+        state, causes=left.causes, final=left.final, elimination=left, attained=attained, stand_ins=stand_ins
+    )
 
 
 def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:

@@ -160,21 +160,34 @@ def swept_curves(
 def _paths(
     setting: Setting, bodies: Sequence[str], measured: xr.Dataset, known: KnownSweeps
 ) -> Iterator[tuple[float, float, Callable[[float], float], SweptPath]]:
-    """Yield number, direction, level over frequency, and path of each sweep; one that is repeated is followed once."""
-    frequency, levels = measured["frequency"].values, measured["level"].values
-    met: dict[tuple[bytes, float], SweptPath] = {}
-    last: SweptPath | None = None
+    """Yield number, direction, level over frequency, and path of each sweep.
+
+    Those of the same points are followed once from rest.
+    """
+    frequency, levels, number = (measured[name].values for name in ("frequency", "level", "sweep"))
+    from_rest: dict[tuple[bytes, float], SweptPath] = {}
+    passed: dict[float, tuple[SweptPath, float]] = {}  # path and last stop, by the number of the sweep
     for sweep, points in sweeps(measured):
         direction, first = float(measured["direction"][points[0]]), int(points[0])
         level = level_over_frequency(frequency[points], levels[points])
-        asked = _points(frequency[points], levels[points])
-        path = met.get((asked, direction))
-        if path is None:
-            stops = _stops(frequency[points], direction)
-            there = last if _turns_back(measured, first) else met.get((asked, -direction))
-            distance = partial(_distance, setting, level, _measured_sizes(measured, first, bodies))
-            path = met[asked, direction] = _path(setting, level, stops, known.get(sweep), there, distance)
-        last = path
+        stops = _stops(frequency[points], direction)
+        series, maps = series_sweep(setting, level, stops), partial(_map, setting, level)
+        near = known.get(sweep)
+        beside = series.beside(near) if series and near else None
+        if beside:
+            path = SweptPath([beside])
+        else:
+            asked = _points(frequency[points], levels[points])
+            path = from_rest.get((asked, direction)) or _from_rest(
+                maps, stops, series, from_rest.get((asked, -direction))
+            )
+            from_rest[asked, direction] = path
+            before, end = passed[number[first - 1]] if _turns_back(measured, first) else (None, 0.0)
+            if before and math.isclose(before.pieces[-1].frequency[-1], end):  # it was followed to where it turns
+                onward = _gone_on(setting, level, stops, series, path, before)
+                distance = partial(_distance, setting, level, float(frequency[first]), _sizes(measured, first, bodies))
+                path = min((one for one in (onward, path) if one and one.pieces), key=distance, default=path)
+        passed[sweep] = path, float(stops[-1])
         yield sweep, direction, level, path
 
 
@@ -188,8 +201,8 @@ def _turns_back(measured: xr.Dataset, first: int) -> bool:
     if first == 0:
         return False
     frequency, level, direction = (measured[name].values for name in ("frequency", "level", "direction"))
-    before = measured["sweep"].values[:first] == measured["sweep"].values[first - 1]
-    step = np.ptp(frequency[:first][before]) / max(before.sum() - 1, 1)
+    before = np.unique(frequency[:first][measured["sweep"].values[:first] == measured["sweep"].values[first - 1]])
+    step = np.ptp(before) / max(before.size - 1, 1)
     return bool(
         direction[first] == -direction[first - 1]
         and abs(frequency[first] - frequency[first - 1]) <= MAX_TURN_STEPS * step
@@ -197,55 +210,50 @@ def _turns_back(measured: xr.Dataset, first: int) -> bool:
     )
 
 
-def _path(
+def _from_rest(
+    maps: Callable[[float], PeriodMap], stops: np.ndarray, series: SeriesSweep | None, there: SweptPath | None
+) -> SweptPath:
+    """Path of a sweep from rest, along that of the same points and levels the other way where it is whole."""
+    back = None
+    if series and there and there.pieces and isinstance(there.pieces[0], SeriesStretch):
+        back = series.backward(there.pieces[0])
+    return SweptPath([back]) if back else swept_path(maps, stops, series)
+
+
+def _gone_on(
     setting: Setting,
     level: Callable[[float], float],
     stops: np.ndarray,
-    known: SeriesStretch | None,
-    there: SweptPath | None,
-    distance: Callable[[SweptPath], float],
-) -> SweptPath:
-    """Path of a sweep, beside a known stretch over the same stops where it can.
-
-    there : that of the same points the other way, from whose last motion the sweep may go on
-    distance : of the begin of a path from the first measured point
-    """
-    series = series_sweep(setting, level, stops)
-    found = series.beside(known) if series and known else None
-    if found is None and series and there and isinstance(there.pieces[0], SeriesStretch):
-        found = series.backward(there.pieces[0])
-    if found:
-        return SweptPath([found])
-    maps = partial(_map, setting, level)
-    rest = swept_path(maps, stops, series)
-    if there is None or _begins_with(setting, level, rest, there):
-        return rest
-    onward = swept_path(maps, stops, series, there.last)
-    return min((path for path in (rest, onward) if path.pieces), key=distance, default=rest)
+    series: SeriesSweep | None,
+    rest: SweptPath,
+    before: SweptPath,
+) -> SweptPath | None:
+    """Path that goes on from the last motion of the sweep before; None where that from rest begins with the same."""
+    last = before.pieces[-1]
+    if rest.pieces and rest.pieces[0].periods == last.periods:
+        begin, end = _amplitudes(setting, level, rest.pieces[0], 0), _amplitudes(setting, level, last, -1)
+        if np.abs(begin - end).max() <= SAME_MOTION * np.abs(end).max():
+            return None
+    return swept_path(partial(_map, setting, level), stops, series, before.last)
 
 
-def _begins_with(setting: Setting, level: Callable[[float], float], path: SweptPath, there: SweptPath) -> bool:
-    """Whether a path begins with the last motion of the one there."""
-    if not path.pieces or path.pieces[0].periods != there.pieces[-1].periods:
-        return False
-    begin, last = (
-        _amplitudes(setting, level, piece, at) for piece, at in ((path.pieces[0], 0), (there.pieces[-1], -1))
-    )
-    return bool(np.abs(begin - last).max() <= SAME_MOTION * np.abs(last).max())
-
-
-def _measured_sizes(measured: xr.Dataset, point: int, bodies: Sequence[str]) -> dict[int, float]:
-    """Amplitude at a measured point by the number of the body  [m]."""
+def _sizes(measured: xr.Dataset, point: int, bodies: Sequence[str]) -> dict[int, float]:
+    """Amplitude at a measured point by the number of the body  [m]; none of a point that is yet to be measured."""
     sizes = np.abs(complex_amplitude(measured)[:, point]).tolist()
     names = map(str, measured.body.values)
     return {bodies.index(name): size for name, size in zip(names, sizes, strict=True) if name in bodies and size > 0.0}
 
 
-def _distance(setting: Setting, level: Callable[[float], float], sizes: Mapping[int, float], path: SweptPath) -> float:
-    """Distance of the first motion of a path from measured amplitudes: logarithm of their ratio  [1]."""
-    first = np.abs(_amplitudes(setting, level, path.pieces[0], 0))[0]
+def _distance(
+    setting: Setting, level: Callable[[float], float], frequency: float, sizes: Mapping[int, float], path: SweptPath
+) -> float:
+    """Distance of a path from amplitudes measured at a frequency [Hz]: logarithms of their ratios  [1]."""
+    piece = next((one for one in path.pieces if min(one.frequency) <= frequency <= max(one.frequency)), path.pieces[0])
+    order = np.argsort(piece.frequency)
+    amplitudes = np.abs(_amplitudes(setting, level, piece))[order]
     tiny = np.finfo(float).tiny
-    return sum(abs(math.log(max(float(first[body]), tiny) / size)) for body, size in sizes.items())
+    own = {body: float(np.interp(frequency, piece.frequency[order], amplitudes[:, body])) for body in sizes}
+    return sum(abs(math.log(max(own[body], tiny) / size)) for body, size in sizes.items())
 
 
 def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:
@@ -304,7 +312,7 @@ class _Sweep:
         self.maps, self.stops, self.path = lru_cache(MAPS_KEPT)(maps), stops, SweptPath()
         self.series = series
         self.direction, self.width = float(np.sign(stops[-1] - stops[0])), float(np.ptp(stops))
-        found = self._begin(float(stops[0])) if begin is None else self._gone_on(float(stops[0]), *begin)
+        found = self._begin(float(stops[0])) if begin is None else self._begun(float(stops[0]), *begin)
         while found is not None and len(self.path.pieces) < MAX_PIECES:
             found = self._stretch(*found)
         if self.path.pieces:
@@ -320,7 +328,7 @@ class _Sweep:
             return frequency, cycle.state, 1
         return self._settled(frequency, map.initial)
 
-    def _gone_on(self, frequency: float, state: np.ndarray, periods: int) -> tuple[float, np.ndarray, int] | None:
+    def _begun(self, frequency: float, state: np.ndarray, periods: int) -> tuple[float, np.ndarray, int] | None:
         """Begin with the stable motion of this period at a state; None where there is none."""
         cycle = shoot(self.maps(frequency), state, periods)
         return (frequency, cycle.state, periods) if cycle.converged and cycle.stable else None

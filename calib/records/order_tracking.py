@@ -45,7 +45,7 @@ from calib.records.order_tracking_windows import (
     windows_of_cycles,
 )
 from calib.records.record import prescribed
-from calib.records.response import LEVEL_UNITS, check_response, make_response
+from calib.records.response import LEVEL_UNITS, SIGMA_SOURCE, check_response, make_response
 from calib.units import plain_number
 
 STEPPED, SWEPT = "stepped", "swept"
@@ -166,6 +166,7 @@ def _assembled(
         np.concatenate(own, axis=-1) for own in zip(*points, strict=True)
     )
     attrs = {key: record.attrs[key] for key in ("place", "quantity", "source") if key in record.attrs}
+    attrs[SIGMA_SOURCE] = "estimated by order tracking"
     made = make_response(
         frequency, bodies, amplitude, level, str(record["excitation"].attrs["units"]), sweep, direction,
         sigma=sigma, frequency_sigma=frequency_sigma, **attrs,

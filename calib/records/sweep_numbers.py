@@ -8,8 +8,7 @@ set at one frequency; readings of one level, which scatter as from one frequency
 import numpy as np
 
 MAX_LEVEL_SCATTER = 8.0  # of readings of one level, over the median change between successive frequencies  [1]
-MIN_SET_STEP = 1e-3  # between levels that are set, relative  [1]
-MAX_READING_RANGE = 0.05  # of the levels at one frequency that are readings of one, relative; the median  [1]
+MIN_SET_STEP = 0.05  # between levels that are set, relative; readings of one level differ by less  [1]
 MIN_SHARE_OF_SEVERAL = 0.5  # of the frequencies, that were read at several levels where each is a sweep  [1]
 MAX_STEP_BACK = 2.0  # of a frequency that turns, over the last step onward  [1]
 MIN_MEAN_LENGTH = 3.0  # points of a sweep on the average; in random order a run has less than 2.5
@@ -32,7 +31,7 @@ def numbered(frequency: np.ndarray, level: np.ndarray, direction: np.ndarray | N
         return _by_first(np.column_stack([way, held]))
     if (readings > 1).mean() >= MIN_SHARE_OF_SEVERAL and levels.size > 1:
         spread = [np.ptp(level[block == one]) / np.mean(level[block == one]) for one in np.flatnonzero(readings > 1)]
-        if np.median(spread) > MAX_READING_RANGE:
+        if np.median(spread) > MIN_SET_STEP:
             return None
     number = _in_order(frequency, level, held, direction)
     lengths = np.bincount(number)

@@ -237,7 +237,7 @@ def doubtful_phase(record: xr.Dataset, name: str = "the record") -> str | None:
 def doubtful_uncertainties(record: xr.Dataset, name: str = "the record") -> Iterator[str]:
     """Warn of stated uncertainties (the median of each) above the largest amplitude of what they belong to."""
     for called, unit, amplitude, sigma in _uncertainties(record):
-        largest, stated = float(amplitude.max()), float(np.median(sigma))
+        largest, stated = float(np.nanmax(amplitude)), float(np.median(sigma))
         if 0.0 < largest < stated:
             yield (
                 f"{name}: the {called} has a stated standard uncertainty of {shown(stated, unit, 2)}, above its "
@@ -257,7 +257,7 @@ def _uncertainties(record: xr.Dataset) -> Iterator[tuple[str, str, np.ndarray, n
             stated, values = standard_uncertainty(record, body, channel), record[channel].values[row]
             if stated is not None:
                 unit = str(record[channel].attrs.get("units", "1"))
-                yield f"{channel} of {body}", unit, np.abs(values - values.mean()), stated
+                yield f"{channel} of {body}", unit, np.abs(values - np.nanmean(values)), stated
 
 
 def _gaps(record: xr.Dataset) -> Iterator[str]:
@@ -317,7 +317,7 @@ def _late_release(record: xr.Dataset, body: str) -> Iterator[str]:
         yield (
             f"{body} {' and '.join(begins)}: its decay is analysed from there on, but simulations are released at the "
             f"first sample; cut off the {count} samples before with `first` of [record.table]: `first = {count}`, or "
-            f"{count} more than it is"
+            f"{count} more than it is, times `decimate` where samples are left out"
         )
 
 

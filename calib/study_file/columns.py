@@ -14,7 +14,6 @@ from calib.records.delimited import TextLayout
 from calib.records.excitation import Excitation, Quantity, unit_of
 from calib.records.motion_unit import motion_quantity, motion_unit
 from calib.records.order_tracking import tracked
-from calib.records.response import SIGMA_SOURCE
 from calib.records.response_columns import (
     AMPLITUDE,
     IN_PHASE,
@@ -75,8 +74,7 @@ def stated_record(
             record, recorded = table.read(_table(how, drive, file))
             if how.tracking is None:
                 return record, recorded
-            response = tracked(record, how.tracking.sine, how.tracking.cycles)
-            return response.assign_attrs({SIGMA_SOURCE: "estimated by order tracking"}), None
+            return tracked(record, how.tracking.sine, how.tracking.cycles), None
         return _response(how, excitation, file, key, mistakes), None
     except UnknownColumn as error:
         mistakes.add((*key, *_place_of(how, error.column)), str(error))

@@ -120,6 +120,42 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
 
 
 @pytest.mark.parametrize(
+    ("parts", "kept"),
+    [
+        ({"b": "acd"}, "acd"),
+        ({"a": "bcd"}, "a"),  # only b has several sizes, and is left out
+        ({"b": "afd"}, "a"),  # f has several sizes too
+    ],
+)
+def test_a_cause_of_several_sizes_that_stands_for_two_is_replaced_by_them(monkeypatch, parts, kept):
+    """Stand-ins for selections of causes a and b, and of the two in the place of one."""
+
+    class Chosen:
+        is_explained, remainder_is_significant, runners_up = True, False, ()
+
+        def __init__(self, names):
+            self.name, self.causes = names, tuple(SimpleNamespace(name=name) for name in names)
+            self.alternatives = tuple((cause,) for cause in self.causes)
+            self.heterogeneous = tuple(Constancy(n, 9.0, 0.3, 1.0, RECORDS) for n in names if n in "bf")
+            self.differing_by_record = self.heterogeneous
+            self.constancy = tuple(Constancy(n, 0.0, 0.0, 100.0 - ord(n)) for n in names)
+            self.is_sufficient = not self.heterogeneous
+
+    def parted(fitter, selection, cause, candidates, seed):
+        return Chosen(parts[cause.name]) if cause.name in parts else None
+
+    monkeypatch.setattr("calib.diagnosis.refutation.parted", parted)
+    monkeypatch.setattr("calib.diagnosis.refutation.left_out", lambda *given: Chosen("a"))
+    monkeypatch.setattr(
+        "calib.diagnosis.refutation._with_gain",
+        lambda fitter, bench, own, seed: (own, SimpleNamespace(refutes=False, joint=None)),
+    )
+    monkeypatch.setattr("calib.diagnosis.refutation.paired", lambda *given: None)
+    found, _ = revised_by_records(FITTER, None, Chosen("ab"), (), 0)
+    assert found.name == kept
+
+
+@pytest.mark.parametrize(
     ("significant", "refuted", "vague", "behind", "kept"),
     [
         (True, "b", "", (), "ac"),  # what was held out refutes b

@@ -116,6 +116,32 @@ def test_a_curve_without_folds_is_followed_once_for_sweeps_there_and_back(direct
     np.testing.assert_allclose(curves[1.0].last, own[1.0].last, atol=1e-5 * abs(own[1.0].last).max())
 
 
+def test_a_sweep_back_at_another_level_is_that_of_its_level():
+    """Where the sweep turns both have nearly the same motion: that of one level is not the curve of the other."""
+    measured = there_and_back(np.repeat([0.1, 0.1015], 25), (1.0, -1.0))
+    found = swept_response(Model(Oscillator()), VALUES, FORCE, measured)
+    frequency = np.linspace(3.0, 4.2, 50)
+    np.testing.assert_allclose(at(found, frequency, 1.0), 1.015 * at(found, frequency, 0.0), rtol=1e-4)
+
+
+def test_sweeps_go_on_from_one_another_where_two_motions_are_possible():
+    """Up below the jump, back into where a lower motion is possible, and up again: on the upper one all the way."""
+    ways = [np.linspace(3.3, 3.7, 17), np.linspace(3.7, 3.55, 7), np.linspace(3.55, 3.7, 7)]
+    sweep = np.repeat([0.0, 1.0, 2.0], [way.size for way in ways])
+    model, values = Model(Oscillator(), [CUBIC_STIFFNESS]), {**VALUES, "k3": 4e5}
+
+    def size(amplitude, piece):
+        measured = make_response(
+            np.concatenate(ways), ["mass"], np.where(sweep < 2.0, 0.03, amplitude)[None], 0.6, "N",
+            sweep, np.array([1.0, -1.0, 1.0])[sweep.astype(int)], place="mass", quantity="force",
+        )  # fmt: skip
+        return np.abs(at(swept_response(model, values, FORCE, measured), 3.65, piece))
+
+    upper = size(0.03, 0.0)
+    assert [size(0.03, piece) for piece in (1.0, 2.0)] == pytest.approx([upper, upper], rel=1e-4)
+    assert size(0.006, 2.0) < 0.7 * upper  # where the laboratory stopped in between
+
+
 def test_sweeps_there_and_back_over_a_fold_are_those_of_each_alone():
     values, measured = {**VALUES, "k3": 4e5}, there_and_back(0.6, (1.0, -1.0))
     model = Model(Oscillator(), [CUBIC_STIFFNESS])

@@ -129,7 +129,7 @@ def test_the_result_of_a_longer_study_is_read():
 def test_the_report_is_written_from_what_0_1_left(sample):
     calib("report", sample)
     page = text_of((sample.parent / "out" / "report.html").read_text())
-    assert "0.07677 0.0014 1 0.0753 to 0.07824 0 to 0.6" in page  # restitution
+    assert "0.0768 0.0014 1 0.0753 to 0.07824 0 to 0.6" in page  # restitution
     assert "1.00742 0.00099 1 1.00642 to 1.00843 0.9 to 1.1" in page  # amplitude
     assert "louder 0.591 % (period-1)" in page
     assert "quadratic_drag (-c2 v |v|), c2 = 2.91 ± 0.47 1/m" in page  # the diagnosis is a chapter of it

@@ -84,7 +84,8 @@ def undiscovered_share(region: Region, sample: RegionSample, observed: Observed,
     seed : of the design that chose the points
     """
     number, dim = observed.points.shape
-    filling = (observed.points[:, None] == space_filling(dim, number, seed)).all(axis=2).any(axis=1)
+    chosen = {row.tobytes() for row in space_filling(dim, number, seed)}
+    filling = np.array([row.tobytes() in chosen for row in observed.points], dtype=bool)
     missed = observed.points[filling & ~observed.admissible]
     count = int((region.probability(missed) < 0.5).sum()) if len(missed) else 0
     outside = float(sample.weight[sample.probability < 0.5].sum())

@@ -346,6 +346,8 @@ class FourDof:
             section = dict(zip(STATE, self._bodies(motion.sections, at_phase_zero, problem), strict=True))
             stationary = {"section": section, "state": self._state(motion)}
         inside = motion.impacts[motion.impacts[:, 0] >= times[0]]
+        if len(inside) == len(motion.impacts):  # else the share is of the time before the record, too
+            stationary["contact_fraction"] = motion.contact
         return make(
             times,
             BODIES,
@@ -353,7 +355,6 @@ class FourDof:
             impacts=(inside[:, 0], inside[:, 1]),
             reason="",
             settled_periods=motion.settled,
-            contact_fraction=motion.contact,
             steps=motion.steps,
             **stationary,
             **attrs,

@@ -30,7 +30,7 @@ class ImpactDrive:
 
     Attributes
     ----------
-    period : of the drive, or the duration of a run without a period  [s]
+    period : of the drive, or the time at which a run without a period ends  [s]
     omega : [rad/s]; 0 without a harmonic
     amplitude : complex, U = |amplitude| cos(omega t + phase)
     knots, table : (k + 1,) [s] and (k, 4): U = c0 + c1 s + c2 s^2 + c3 s^3, s [s] since the piece's first knot
@@ -41,6 +41,11 @@ class ImpactDrive:
     amplitude: complex = 0.0
     knots: np.ndarray = field(default_factory=lambda: np.zeros(0))
     table: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+
+    @property
+    def duration(self) -> float:
+        """Scale of time: the period, what a table lasts, or how far from 0 the end of a run is  [s]."""
+        return float(np.ptp(self.knots)) if self.knots.size else abs(self.period)
 
 
 class _CalledLaws(NamedTuple):
@@ -130,14 +135,14 @@ def _called_laws(structure: LinearStructure, laws: Sequence[BoundLaw], coordinat
 
 def _highest_frequency(both: Regimes, drive: ImpactDrive) -> float:
     """Highest angular frequency or rate of decay in the motion  [rad/s]."""
-    return max(drive.omega, np.sqrt(np.abs(both.stiffness).max()), 2.0 * np.abs(both.rate).max(), 1.0 / drive.period)
+    return max(drive.omega, np.sqrt(np.abs(both.stiffness).max()), 2.0 * np.abs(both.rate).max(), 1.0 / drive.duration)
 
 
 def _static_displacement(both: Regimes, drive: ImpactDrive, stop: Stop | None, length: float) -> float:
     """Largest of the gap, the static response to drive and loads, and the scale of the motion  [m]."""
     largest_input = np.abs(drive.table[:, 0]).max(initial=abs(drive.amplitude))
     loads = np.abs(both.load_input[:, :, 0]) * largest_input + np.abs(both.load_constant)
-    response = np.abs(both.shape) @ (loads / np.maximum(np.abs(both.stiffness), drive.period**-2.0))[:, :, None]
+    response = np.abs(both.shape) @ (loads / np.maximum(np.abs(both.stiffness), drive.duration**-2.0))[:, :, None]
     carried = np.abs(both.motion_input) * largest_input
     return float(max(length, abs(stop.gap) if stop else 0.0, carried.max(), response.max()))
 
@@ -154,7 +159,7 @@ def _longest_step(drive: ImpactDrive, step: float | None, collocated: bool, fixe
 def _event_resolution(fastest: float, period: float, refinement: Refinement) -> float:
     """Tolerance of the times of events [s]: refined, but not below what a time within the period can show."""
     resolution = EVENT_TOLERANCE / fastest
-    return float(max(resolution / refinement.event_tolerance, min(resolution, np.spacing(period))))
+    return float(max(resolution / refinement.event_tolerance, min(resolution, np.spacing(abs(period)))))
 
 
 def _compliance(

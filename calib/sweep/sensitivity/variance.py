@@ -61,27 +61,32 @@ def sobol_influences(
     known = np.isfinite(values)
     if known.sum() < MIN_POINTS and not known.all():
         return GIVEN_DATA, (), f"not available: {known.sum()} points show it, {MIN_POINTS} are needed"
+    estimator = SALTELLI if known.all() else GIVEN_DATA
+    others = _other_samples(design.grouped(values))
+    if others < MIN_OTHER_SAMPLES:
+        reason = (
+            f"not available: {others} of {design.groups} base samples show another value than the most frequent "
+            f"one, {MIN_OTHER_SAMPLES} are needed"
+        )
+        return estimator, (), reason
     rows = SaltelliRows.of(design, values)
     drawn = np.random.default_rng([design.seed, 1]).integers(design.groups, size=(SOBOL_RESAMPLES, design.groups))
     if known.all():
-        others = _other_samples(design.grouped(values))
-        if others < MIN_OTHER_SAMPLES:
-            reason = (
-                f"not available: {others} of {design.groups} base samples show another value than the most frequent "
-                f"one, {MIN_OTHER_SAMPLES} are needed"
-            )
-            return SALTELLI, (), reason
         variances = rows.variances(drawn)
-        return SALTELLI, tuple(_complete(name, rows, axis, drawn, variances) for axis, name in enumerate(names)), ""
+        return estimator, tuple(_complete(name, rows, axis, drawn, variances) for axis, name in enumerate(names)), ""
     points = design.grouped(design.points)
     found = [_given(name, rows, points[:, :, axis], axis, drawn) for axis, name in enumerate(names)]
-    return GIVEN_DATA, tuple(found), ""
+    return estimator, tuple(found), ""
 
 
 def _other_samples(grouped: np.ndarray) -> int:
-    """Base samples with a value, among grouped ones (groups, group_size), other than the most frequent of all."""
-    distinct, counts = np.unique(grouped, return_counts=True)
-    return int((grouped != distinct[counts.argmax()]).any(axis=1).sum())
+    """Base samples with a value, among grouped ones (groups, group_size), other than the most frequent of all.
+
+    NaN is no value.
+    """
+    known = np.isfinite(grouped)
+    distinct, counts = np.unique(grouped[known], return_counts=True)
+    return int((known & (grouped != distinct[counts.argmax()])).any(axis=1).sum())
 
 
 def _complete(name: str, rows: SaltelliRows, axis: int, drawn: np.ndarray, variances: np.ndarray) -> Influence:
