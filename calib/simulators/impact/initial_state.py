@@ -65,7 +65,7 @@ def start(problem: Problem, q: np.ndarray, dq: np.ndarray) -> ImpactState:
 def _limits(problem: Problem, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     """Displacement [m] and velocity [m/s] (2,) beyond which a motion from q, q' (n,) counts as diverged."""
     slowest = max(
-        math.sqrt(np.abs(problem.regimes.stiffness[FREE]).min()), 1.0 / max(abs(problem.period), problem.step)
+        math.sqrt(np.abs(problem.regimes.stiffness[FREE]).min()), 1.0 / max(abs(problem.period), np.finfo(float).tiny)
     )
     extent = max(problem.extent, np.abs(q).max(), np.abs(dq).max() / slowest)
     return DIVERGENCE_FACTOR * extent * np.array([1.0, problem.fastest])
