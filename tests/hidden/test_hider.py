@@ -82,7 +82,7 @@ def modest(at, effect):
     """Size at which an effect changes the records by some hundred times their noise over all samples, or less."""
     if not CAUSES[effect].derived:
         return CAUSES[effect].step * natural(at.system, effect)
-    size = CHANGE / np.linalg.norm(at.derivative(effect))
+    size = min(CHANGE / np.linalg.norm(at.derivative(effect)), CAUSES[effect].most)
     while True:
         try:
             at.z_of(effect, size)
