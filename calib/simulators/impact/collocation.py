@@ -43,6 +43,7 @@ LOAD_TOLERANCE = 1e-13  # relative change of the loads at which the iteration ha
 # error of a polynomial between the nodes, as a change of velocity over the step and a share of the velocities; laws on
 # bodies are mostly smooth, and their loads then are accurate at the ends of steps before they are in between
 MAX_ERROR_AT_PORT, MAX_ERROR_ON_BODIES = 1e-8, 1e-7
+MAX_ROUNDING_CHANGE = 1e-6  # relative change of the loads that rounding within a law of several states may leave  [1]
 NEGLIGIBLE_CHANGE = 1e-15  # change of velocity over the step, as a share of the velocities, that counts as zero
 LOADS_HOLD, MISSED_BETWEEN, NOT_CONVERGED = 0, 1, 2  # outcomes of `collocate`
 
@@ -348,7 +349,7 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
     if problem.counts[LAW_STATES] > 0:
         _hold_states(state.z, w)
     speed = _modal_speed(problem.regimes, r, state.y, state.v)
-    converged, held, before, earlier = False, False, math.inf, math.inf
+    converged, held, before, earlier, change, size = False, False, math.inf, math.inf, math.inf, 0.0
     for sweep in range(MAX_SWEEPS):
         _follow(problem, state, time, step, w)
         for j in range(5):
@@ -367,7 +368,8 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
             break
         before, earlier = change, before
     if not converged:
-        return NOT_CONVERGED if problem.counts[LAW_STATES] > 0 else MISSED_BETWEEN
+        wrong = problem.counts[LAW_STATES] > 0 and change > MAX_ROUNDING_CHANGE * size
+        return NOT_CONVERGED if wrong else MISSED_BETWEEN
     if not problem.exact:
         return LOADS_HOLD
     _respond(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
