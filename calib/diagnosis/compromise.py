@@ -70,7 +70,6 @@ def with_pair_beside(
     fitter: Fitter,
     state: StepwiseState,
     stand_ins: Collection[str],
-    base: Fit,
     candidates: Sequence[Candidate],
     seed: int,
 ) -> StepwiseState | None:
@@ -82,13 +81,19 @@ def with_pair_beside(
 
     Parameters
     ----------
-    stand_ins : names of those causes, whether they are among the causes still or not
-    base : the model of the others
+    stand_ins : names of those causes, one of which may be among the causes still
     """
     others = [known for known in state.causes if known[0].name not in stand_ins]
     beside = [other.candidate for other, _ in others]
     if len(others) + 2 > CRITERIA.max_causes:
         return None
+    standing = next((cause for cause, _ in state.causes if cause.name in stand_ins), None)
+    base = state.final
+    if standing is not None:
+        base = without_cause(fitter, state.null, state.final, standing, beside)
+        if not base.names:
+            return None
+        base = fitter.with_derivatives(base)
     tenable = [candidate for candidate in candidates if candidate.name not in stand_ins]
     kept = {candidate.name for candidate in beside}
     suspects, threshold = screened(fitter, base, [c for c in tenable if c.name not in kept], seed, None)

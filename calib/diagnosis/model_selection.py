@@ -32,7 +32,7 @@ def select(
     stand_ins = sorted(state.stand_ins - {*state.names})
     if stand_ins and not fitter.effort.spent:
         on_stage("pairs")
-        state = with_pair_beside(fitter, state, stand_ins, state.final, candidates, seed) or state
+        state = with_pair_beside(fitter, state, stand_ins, candidates, seed) or state
     if may_be_compromise(fitter, state, candidates) and not fitter.effort.spent:
         on_stage("pairs")
         state = with_best_pair(fitter, state, candidates, seed)

@@ -60,8 +60,7 @@ def _parted(
     fitter: Fitter, bench: Bench, selection: Selection, gain: Gain, candidates: Sequence[Candidate], seed: int
 ) -> tuple[Selection, Gain]:
     """Put the best pair in the place of one of two causes whose size differs, where all causes stand then."""
-    room = 1 < len(selection.causes) < CRITERIA.max_causes
-    differing = {one.effect for one in selection.heterogeneous} if room else set()
+    differing = {one.effect for one in selection.heterogeneous} if len(selection.causes) > 1 else set()
     for cause in selection.causes:
         if cause.name not in differing or fitter.effort.spent:
             continue

@@ -57,12 +57,7 @@ def parted(
     fitter: Fitter, selection: Selection, cause: Refitted, candidates: Sequence[Candidate], seed: int
 ) -> Selection | None:
     """Return a selection with the best pair in the place of one of two causes; None where it explains no more."""
-    others = [other.candidate for other in selection.causes if other is not cause]
-    base = without_cause(fitter, selection.null, selection.final, cause, others)
-    if not base.names:
-        return None
-    base = fitter.with_derivatives(base)
-    state = with_pair_beside(fitter, state_of(selection), (cause.name,), base, candidates, seed)
+    state = with_pair_beside(fitter, state_of(selection), (cause.name,), candidates, seed)
     return None if state is None else as_selection(fitter, state)
 
 

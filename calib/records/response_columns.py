@@ -224,8 +224,8 @@ class _Reading:
             phase = self.columns.of_body.get((body, PHASE))
             if phase is None:
                 continue
-            unit = abs(self._factor(phase, "rad"))
-            doubt = doubtful_phase_unit(self._in(phase, "rad"), unit, receptance, own)
+            factor = self._factor(phase, "rad")
+            doubt = doubtful_phase_unit(factor * self._numbers(phase.column), abs(factor), receptance, own)
             if doubt is not None:
                 warnings.warn(f"{self.sheet.path.name}: phase of {body}: {doubt}", stacklevel=2)
 

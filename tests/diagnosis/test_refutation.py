@@ -112,6 +112,7 @@ def test_a_cause_that_the_records_refute_is_left_out_where_the_others_hold(
         return own, SimpleNamespace(refutes=own.name in refuted, joint=None)
 
     monkeypatch.setattr("calib.diagnosis.refutation.left_out", left_out)
+    monkeypatch.setattr("calib.diagnosis.refutation.parted", lambda *given: None)  # of three there is no room for four
     monkeypatch.setattr("calib.diagnosis.refutation._with_gain", with_gain)
     monkeypatch.setattr("calib.diagnosis.refutation.paired", lambda *given: None)
     found, _ = revised_by_records(FITTER, None, Chosen("abc"), (), 0)

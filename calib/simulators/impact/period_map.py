@@ -82,7 +82,7 @@ class ImpactMap:
         for first in range(0, periods, batch):
             part = rows[first : first + batch]
             code, passed = advance_with_impacts(
-                self.problem, now, w, len(part), 0.0, budget, part, np.zeros(0), none, capacity
+                self.problem, now, w, len(part), budget, part, np.zeros(0), none, capacity
             )
             impacts.append(passed)
             if inner.shape[1]:

@@ -78,7 +78,7 @@ class _Run:
         """Go on by so many periods, writing `samples` at `times`; the outcome, the sections taken, all impacts."""
         rows, before = self._sections(periods), int(self.state.counters[SECTIONS])
         outcome, impacts = advance_with_impacts(
-            self.problem, self.state, self.w, periods, 0.0, self.budget, rows, times, samples, INITIAL_CAPACITY
+            self.problem, self.state, self.w, periods, self.budget, rows, times, samples, INITIAL_CAPACITY
         )
         return outcome, rows[: int(self.state.counters[SECTIONS]) - before], impacts
 
