@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from hidden.system import System
 
+from calib import plugins
+
 Power = tuple[int, int]  # of metre, and of second
 NUMBER, METRE, SECOND, SPEED, RATE, ACCELERATION = (0, 0), (1, 0), (0, 1), (1, -1), (0, -1), (1, -2)
 
@@ -22,7 +24,6 @@ class Cause(NamedTuple):
     holds : parameter -> (power of its unit, value in natural scales)
     derived : whether the records have a derivative where it is absent
     step : of a derivative, in natural scales of the size, of a system whose steps are the usual ones
-    one_sided : whether the size must not be negative
     most : largest size, SI
     """
 
@@ -30,7 +31,6 @@ class Cause(NamedTuple):
     holds: Mapping[str, tuple[Power, float]] = {}
     derived: bool = True
     step: float = 1e-5
-    one_sided: bool = False
     most: float = math.inf
 
 
@@ -78,7 +78,7 @@ CAUSES = {
     "channel_offset": Cause({"offset_displacement": (METRE, 1.0), "offset_velocity": (SPEED, 0.5)}),
     "channel_drift": Cause({"drift_displacement": (SPEED, 1.0), "drift_velocity": (ACCELERATION, 0.5)}),
     "channel_lag": Cause({"lag": (SECOND, 1.0)}),
-    "velocity_lowpass": Cause({"lowpass": (SECOND, 1.0)}, step=1e-3, one_sided=True),
+    "velocity_lowpass": Cause({"lowpass": (SECOND, 1.0)}, step=1e-3),
     "velocity_differencing": Cause({"differencing": (NUMBER, 1.0)}, most=1.0),
     "plot_shear": Cause({"shear": (SECOND, 1.0)}),
     "plot_scale": Cause({"plot_scale": (NUMBER, 1.0)}),
@@ -105,6 +105,12 @@ def first_step(system: System, effect: str) -> float:
     """Step of a derivative by the size of an effect, or of a secant, SI."""
     cause = CAUSES[effect]
     return cause.step * natural(system, effect) * (system.step / System.step if cause.derived else 1.0)
+
+
+def one_sided(effect: str) -> bool:
+    """Whether the size of an effect must not be negative, as the library bounds it."""
+    size = next(iter(CAUSES[effect].grows))
+    return any(p.low >= 0.0 for p in plugins.load("calib.effects", effect).parameters if p.name == size)
 
 
 def parameters(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from hidden.causes import CAUSES, first_step, parameters
+from hidden.causes import CAUSES, first_step, one_sided, parameters
 from hidden.motion import Refused
 from hidden.noise import whitened
 from hidden.system import Plan, System
@@ -202,9 +202,8 @@ class Bench:
 
     def derivative(self, effect: str, weights: Mapping[str, float] | None = None) -> np.ndarray:
         """Derivative of all records by the size of an effect, where it is absent; a secant where there is none."""
-        cause = CAUSES[effect]
         step = first_step(self.system, effect)
-        if cause.derived and not cause.one_sided:
+        if CAUSES[effect].derived and not one_sided(effect):
             ahead, behind = ({"hidden": self.hidden(effect, s, weights)} for s in (step, -step))
             return self._between(ahead, behind) / (2.0 * step)
         return self._between({"hidden": self.hidden(effect, step, weights)}, {}) / step
