@@ -170,6 +170,7 @@ PIECES = ("m", "s", "Hz", "degC", "dB", "kg", "%", "µm", "squared", "cubed", "p
           "if")  # fmt: skip
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=5000, database=None)
 @given(
     text=st.lists(st.sampled_from(PIECES), max_size=14).map("".join) | st.text(max_size=20),

@@ -159,6 +159,7 @@ def test_the_budget_may_grow(tmp_path):
     assert json.loads(calib("run", path, "--budget", 20, "--json").stdout)["trials"] == 20
 
 
+@pytest.mark.slow
 @undrawn()
 def test_ctrl_c_keeps_the_trials_and_says_how_to_go_on(tmp_path):
     endless = ("budget = 24", "budget = 100000"), ('name = "multistart"', 'name = "optuna"\nsampler = "random"')
@@ -181,6 +182,7 @@ def test_ctrl_c_keeps_the_trials_and_says_how_to_go_on(tmp_path):
     assert json.loads(calib("status", path, "--json").stdout)["state"] == "unfinished"
 
 
+@pytest.mark.slow
 @undrawn()
 def test_a_full_disk_ends_with_a_message_and_the_ledger_intact(tmp_path):
     path = write_study(tmp_path)
@@ -206,6 +208,7 @@ def test_a_full_disk_ends_with_a_message_and_the_ledger_intact(tmp_path):
     calib("run", path)
 
 
+@pytest.mark.slow
 @undrawn()
 def test_a_read_only_folder_ends_with_a_message_and_the_ledger_intact(tmp_path):
     as_user = [] if os.geteuid() else ["setpriv", "--inh-caps=-all", "--bounding-set=-all"]  # root may write anywhere
@@ -342,6 +345,7 @@ def test_an_unfinished_study_can_be_reported(finished, tmp_path):
     assert UNFINISHED in page
 
 
+@pytest.mark.slow
 def test_the_dashboard_can_be_read_and_not_written(finished):
     served = process("dashboard", finished[0], "--port", 0)
     try:

@@ -106,6 +106,7 @@ def test_a_plane_of_parameters_says_how_often(study, tmp_path):
     assert pictures(out.parent) == ["plane.png"]
 
 
+@pytest.mark.slow
 def test_a_latin_hypercube_is_drawn_from_its_seed(study, tmp_path):
     for name, seed in (("one", 1), ("again", 1), ("two", 2)):
         calib("sweep", study, "--over", "a=0.2:0.3", "--over", "b=0.01:0.1:log", "--latin", 5, "--seed", seed,
@@ -206,6 +207,7 @@ def test_a_branch_says_its_special_points_and_ends(study, tmp_path):
         assert branch.special_kind.values.tolist() == ["fold", "flip"]
 
 
+@pytest.mark.slow
 def test_the_curves_of_a_branch_are_told_drawn_and_kept(study, tmp_path):
     said = calib(
         "branch", study, "--over", "a=-0.3:0.6", "--at", "0.2", "--curve", "b=0.1:0.4", "--set", "b=0.3"
@@ -471,6 +473,7 @@ def until(what, seconds=60.0):
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_exit_code_3_and_the_sweep_goes_on(tmp_path):
     path, gate = tmp_path / "sweep.nc", tmp_path / "gate"
     study = write_map_study(tmp_path, waiting(gate))

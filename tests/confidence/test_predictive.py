@@ -20,6 +20,7 @@ def normal_curves(spread, draws=2000):
     return np.sin(2.0 * np.pi * TIME) + spread * levels[:, None]
 
 
+@pytest.mark.slow
 def test_bands_of_normal_draws_and_normal_noise_are_those_of_their_sum():
     own = PredictedChannel(normal_curves(0.3), 0.4)
     known = np.sin(2.0 * np.pi * TIME) + stats.norm.ppf(TAILS)[:, None] * 0.5
@@ -42,6 +43,7 @@ def test_the_share_of_samples_inside_is_that_of_the_normal_distribution(offset, 
     assert np.mean([own.inside(one, counted) for one in measured]) == pytest.approx(share, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_band_is_as_wide_as_the_noise_of_each_sample():
     noise = np.where(TIME < 0.5, 0.05, 0.5)
     own, rng = PredictedChannel(normal_curves(0.0), noise), np.random.default_rng(0)

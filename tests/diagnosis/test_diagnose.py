@@ -371,6 +371,7 @@ def test_several_causes_of_which_one_changes_between_records_are_not_named(k3, s
     assert as_dict(other)["misfit"]["inconstancy"] == other.selection.heterogeneity_z
 
 
+@pytest.mark.slow
 def test_a_cause_whose_size_changes_a_little_from_record_to_record_is_named_and_its_size_as_uncertain():
     """What is not modelled may have made it differ; the interval of the common size counts noise alone."""
     found = diagnosed(changing(3e5, 1.7e-4, 2.3e-4))
@@ -395,6 +396,7 @@ def gross():
     return diagnosed(changing(3e6, 1e-4, 5e-4))
 
 
+@pytest.mark.slow
 def test_the_cause_that_explains_most_of_a_gross_misfit_is_named_without_another_that_changes_between_records(gross):
     found = gross
     assert (found.verdict, found.causes) == ("named", ("cubic_stiffness",))
@@ -507,6 +509,7 @@ def tone(amplitude, use, seed):
     return Reference(f"{amplitude:g} N", record, use, excitation=excitation, request=Request(periods=8, samples=64))
 
 
+@pytest.mark.slow
 def test_what_explains_less_than_twice_what_remains_is_told_beside_the_cause():
     """A spring that hardens, a little more on one side, seen by a sensor that nobody suspects."""
     hidden = {"k3": 6e5, "k2": 9000.0, "differencing": 0.2}
@@ -573,6 +576,7 @@ def test_of_one_steady_tone_nothing_is_named_alone(more, verdict):
     assert found.design is None
 
 
+@pytest.mark.slow
 def test_a_rival_in_the_place_of_a_cause_is_fitted_beside_the_others_and_judged_like_any_cause():
     """The order of causes and of candidates in the model is not one: the last fitted stands last there."""
     known = references(["cubic_stiffness", "channel_offset"], k3=3e5, offset_displacement=2.5e-4)

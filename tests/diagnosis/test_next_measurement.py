@@ -44,6 +44,7 @@ def test_a_simulated_velocity_is_not_trusted_next_to_its_impacts(clapping):
     assert (trust[apart > 3.0] == 1.0).all()
 
 
+@pytest.mark.slow
 def test_beside_a_record_sampled_in_another_way_than_a_simulation_measurements_are_proposed():
     drive = Excitation("mass", "force", frequency=9.0, amplitude=6.0)
     truth = {"mass": 1.0, "damping": 2.0, "stiffness": 4000.0}

@@ -100,6 +100,7 @@ def test_a_case_has_as_much_time_as_its_simulations_may_take(monkeypatch, timeou
     assert opened == [timeout, of_a_case]
 
 
+@pytest.mark.slow
 def test_a_rehearsed_response_has_the_noise_of_the_parts_on_flanks_too():
     values, drive = (
         {"mass": 1.0, "stiffness": 400.0, "damping": 1.0},

@@ -79,6 +79,7 @@ def test_a_deviate_rises_with_the_square_beyond_all_probability():
     assert (np.diff(found) > 0.0).all()
 
 
+@pytest.mark.slow
 def test_the_threshold_is_passed_once_in_a_hundred():
     own = [signature(waves(order))[0] for order in range(1, 9)]
     limit = threshold(own, SEGMENTS, 0, [0] * len(own))

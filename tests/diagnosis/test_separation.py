@@ -245,6 +245,7 @@ def test_an_irregular_motion_is_no_measurement():
     assert told == {(True, True), (False, False)}
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_simulated_the_reason_is_given():
     design, _ = designed(BENCH, fails_above=1e-3 * 1.0001, irregular_above=12.5)
     above = Laboratory(frequency=(20.0, 40.0), amplitude=(2e-4, 1e-3), tests=("steady tone",), channels=())

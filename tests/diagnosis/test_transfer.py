@@ -45,6 +45,7 @@ def test_a_record_that_does_not_tell_the_size_from_calibrated_values_has_none(le
     assert _refitted(column, copy, others, ROW, is_remainder_significant=False) is None
 
 
+@pytest.mark.slow
 def test_what_remains_may_bias_a_record_whose_own_sum_of_squares_shows_nothing():
     """What is left in each record is a standard deviation of that sum, a twelfth of it along the effect."""
     size = 40_000

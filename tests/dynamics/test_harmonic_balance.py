@@ -188,6 +188,7 @@ def test_the_response_of_a_linear_oscillator_is_its_transfer_function():
     assert len(response.branches) == 2
 
 
+@pytest.mark.slow
 def test_folds_converge_to_those_of_shooting_with_the_harmonics():
     expected = folds(frequency_response(duffing(), (2.5, 4.5), [0.6], steps=5))
     errors = []

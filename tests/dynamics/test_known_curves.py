@@ -69,6 +69,7 @@ def test_fold_and_flip_of_the_ball_are_the_curves_of_the_closed_form(ball, kind)
 # --- the impacting oscillator
 
 
+@pytest.mark.slow
 def test_the_linear_motion_grazes_on_the_curve_of_the_closed_form():
     known = Impacting()
     branch = follow(known.map, known.map(0.8).orbit(np.zeros(2), 200).states[-1], 0.8, (0.75, 0.95))

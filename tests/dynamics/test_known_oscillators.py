@@ -269,6 +269,7 @@ def test_the_impacting_motion_has_the_closing_speed_of_the_closed_form(w):
     assert kind.orbit.impacts[-1, 2] == pytest.approx(known.impact(w), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_branch_of_impacts_grazes_folds_and_grazes_at_the_frequencies_of_the_closed_form():
     known = Impacting()
     guess = known.map(1.0).orbit(np.zeros(2), 100).states[-1]
@@ -280,6 +281,7 @@ def test_the_branch_of_impacts_grazes_folds_and_grazes_at_the_frequencies_of_the
     assert (branch.impacts == 1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("w", "window", "side"), [(0.35, (0.3, 0.95), 0), (2.0, (1.05, 2.2), 1)])
 def test_the_free_motion_grazes_where_its_linear_amplitude_is_the_gap(w, window, side):
     known = Impacting()

@@ -85,6 +85,7 @@ def test_irrational_turns_are_quasi_periodic(map):
     assert kind_of_orbit(map).kind == QUASI_PERIODIC
 
 
+@pytest.mark.slow
 def test_a_return_longer_than_64_periods_is_undecided_and_told():
     found = kind_of_orbit(circle(1.0 / 100.0))
     assert found.kind == "undecided"
@@ -112,6 +113,7 @@ def test_where_a_motion_settles_to_is_not_said_without_an_exponent_to_agree():
     assert found.evidence.endswith("still settling")
 
 
+@pytest.mark.slow
 def test_what_the_exponent_and_the_0_1_test_disagree_on_is_undecided():
     grown = kind_of_orbit(delayed_logistic(2.210677966101695))
     assert (grown.kind, grown.exponent > 3.0 * grown.error, grown.zero_one < 0.2) == ("undecided", True, True)

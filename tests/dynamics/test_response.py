@@ -91,6 +91,7 @@ def derivative(frequency, level, state):
     ]).T  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_folds_of_duffing_agree_with_another_integrator(duffing):
     [one] = duffing.at(0.6)
     folds = [point for point in one.branch.points if point.kind == "fold"]
@@ -141,6 +142,7 @@ def test_the_peaks_of_weak_duffing_lie_on_its_first_order_backbone():
 # --- a stop
 
 
+@pytest.mark.slow
 def test_the_motion_comes_to_the_stop_where_its_amplitude_is_the_gap():
     gap = 0.02
     response = frequency_response(setting(stop=True, gap=gap, restitution=0.6), (2.0, 5.0), [0.8], steps=9)
@@ -222,6 +224,7 @@ def measured_and_motion(request):
     ]
 
 
+@pytest.mark.slow
 def test_the_first_harmonic_is_what_effects_on_the_response_have_measured(measured_and_motion):
     measured, motion = measured_and_motion
     np.testing.assert_array_equal(measured.frequency, motion.frequency)

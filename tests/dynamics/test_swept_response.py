@@ -206,6 +206,7 @@ def test_a_drive_with_a_second_harmonic_is_balanced_as_by_shooting(monkeypatch):
     assert abs(pure - expected).max() > 1e-3 * abs(expected).max()
 
 
+@pytest.mark.slow
 def test_harmonics_are_added_until_those_left_out_hardly_move_the_mass(monkeypatch):
     """Dry friction that turns about within a small velocity has harmonics that fall slowly."""
     model, values = Model(Oscillator(), [COULOMB_FRICTION]), {**VALUES, "friction": 0.05, "friction_slip": 1e-3}

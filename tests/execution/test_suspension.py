@@ -25,6 +25,7 @@ def test_gaps_between_looks_add_up_and_a_busy_machine_makes_none():
     assert clock.look() == pytest.approx(25.0)
 
 
+@pytest.mark.slow
 def test_a_call_whose_time_passed_while_the_pool_was_suspended_is_made_again(tmp_path, monkeypatch):
     """The first time it hangs and the clock says that the process was suspended; then it answers."""
     total = [0.0]

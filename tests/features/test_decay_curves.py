@@ -38,6 +38,7 @@ def test_ten_per_cent_too_large_scores_a_tenth(feature):
     assert objective({"bench": record(TIME, larger)}).cost == pytest.approx(0.1, rel=0.02)
 
 
+@pytest.mark.slow
 def test_phase_and_size_of_the_release_do_not_count(reference):
     objective = score(reference, BackboneCurve(), DecayCurve())
     for time, start in ((TIME, 1.0), (TIME + 0.1, 1.0), (TIME, 1.2)):
@@ -47,6 +48,7 @@ def test_phase_and_size_of_the_release_do_not_count(reference):
     assert objective({"bench": record(TIME, softening(damping=0.03))}).terms["decay"] > 0.4
 
 
+@pytest.mark.slow
 def test_residuals_are_smooth_in_the_parameters(reference):
     """Second differences shrink with the square of the step."""
     objective = score(reference, BackboneCurve(), DecayCurve())

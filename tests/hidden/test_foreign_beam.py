@@ -71,6 +71,7 @@ def test_its_elements_do_not_lock_where_they_are_thin():
     assert abs(errors_on_two_supports(1e-3, 20)).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_half_the_step_changes_its_motion_by_less_than_a_thousandth(clapping):
     plant = foreign_beam.plant(TRUTH, FOREIGN_SUPPORT)
     finer = foreign_beam.settled(plant, PLANS[0].frequency, PLANS[0].amplitude, steps=2 * foreign_beam.STEPS)
@@ -85,6 +86,7 @@ def test_the_layer_is_pressed_once_a_period_and_never_pulled(clapping):
     assert clapping.pressed.min() >= 0.0
 
 
+@pytest.mark.slow
 def test_at_the_same_values_it_differs_from_the_model_of_the_seeker_by_a_tenth_of_the_motion():
     shares = []
     for plan in PLANS:

@@ -53,6 +53,7 @@ def simulated(at, plan, effects=(), hidden=(), samples=None):
     return record, np.concatenate([record.displacement.values, record.velocity.values])
 
 
+@pytest.mark.slow
 def test_no_effect_is_hidden_beyond_what_the_library_says_there_can_be(cache):
     for name, cause in CAUSES.items():
         own = {p.name: p for p in named("calib.effects", HERE.get(name, name)).parameters}

@@ -90,6 +90,7 @@ def test_the_coupling_of_two_bodies_pushes_none_of_them_without_the_other():
     assert force.sum() == pytest.approx(0.0, abs=1e-9 * abs(force).max())
 
 
+@pytest.mark.slow
 def test_the_seed_draws_the_kind_and_the_records_have_it(cache, tmp_path):
     kinds = set()
     for seed in (2, 3):
@@ -106,6 +107,7 @@ def test_the_seed_draws_the_kind_and_the_records_have_it(cache, tmp_path):
     assert kinds <= set(SYSTEMS["oscillator"]().remainders)
 
 
+@pytest.mark.slow
 def test_an_effect_may_be_hidden_at_a_multiple_of_the_remainder(cache, tmp_path):
     asked = {"folder": tmp_path / "study", "cache": cache, "remainder": 0.02}
     hidden = hide("oscillator", "quadratic_drag", 8.0, 3, over_remainder=3.0, **asked)

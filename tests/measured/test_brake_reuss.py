@@ -51,6 +51,7 @@ def test_the_damping_of_a_linear_mode_rises_more_than_fourfold_over_the_levels(f
     assert damping == pytest.approx([3.21, 3.93, 6.49, 10.75, 14.21], rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_power_law_with_a_spring_that_softens_and_hardens_predicts_the_levels_between(forced, levels):
     fit = forced.fitted(["power_law_damping", "softening", "cubic_stiffness"], levels["held"])
     assert fit.values["power_exponent"] == pytest.approx(2.63, abs=0.03)

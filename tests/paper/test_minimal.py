@@ -53,6 +53,7 @@ def branches():
     return figure_4.branches()
 
 
+@pytest.mark.slow
 def test_period_1_ends_by_grazing_between_0_168_and_0_170(branches):
     [end] = branches[0].points
     assert end.kind == "grazing"
@@ -279,6 +280,7 @@ def test_the_band_of_the_fixed_step_is_of_first_order_and_gone_when_impacts_are_
 # --- what the text leaves open
 
 
+@pytest.mark.slow
 def test_other_drives_give_other_diagrams():
     """The paper does not say how its model is driven; where the period-1 motion ends depends on it."""
     labels = {

@@ -84,6 +84,7 @@ def test_steps_give_the_steady_response_within_its_uncertainty_whatever_was_meas
     assert response.response_sigma.values.max() < 0.01 * np.abs(complex_amplitude(response)).max()
 
 
+@pytest.mark.slow
 def test_stated_uncertainties_are_those_over_many_records():
     off = np.concatenate([departures(tracked(stepped(seed, hum=0.0, noise=0.05), STEPPED)) for seed in range(12)])
     assert np.sqrt(np.mean(np.abs(off) ** 2) / 2.0) == pytest.approx(1.0, abs=0.15)
@@ -96,6 +97,7 @@ def test_a_step_that_has_not_settled_has_that_in_its_uncertainty():
     assert np.mean(np.abs(departures(hurried)) < 3.0) > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.02, 0.05])
 def test_a_sweep_gives_the_response_up_and_down_within_its_uncertainty(rate):
     with warnings.catch_warnings():
@@ -110,6 +112,7 @@ def test_a_sweep_gives_the_response_up_and_down_within_its_uncertainty(rate):
     assert np.abs(complex_amplitude(response)[0] - exact).max() < 2.5 * rate * np.abs(exact).max()
 
 
+@pytest.mark.slow
 def test_a_sweep_that_is_too_fast_says_where_and_by_how_much():
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always")

@@ -128,6 +128,7 @@ def test_a_database_without_a_view_is_said(url):
         application(url)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
 def test_a_server_killed_and_restarted_in_the_middle_has_all_trials_in_the_end(tmp_path, server, url):
     store = Store(tmp_path, url)

@@ -479,6 +479,7 @@ def test_an_unknown_rule_for_records_is_refused(tmp_path):
 # ---- memory
 
 
+@pytest.mark.slow
 def test_a_trial_that_is_logged_holds_neither_its_residuals_nor_what_others_share(tmp_path):
     feature = {"label": "amplitude", "record": "bench", "body": "mass", "unit": "m", "measured": 0.1, "tolerance": None}
     made = [

@@ -180,6 +180,7 @@ def test_where_none_is_confirmed_the_best_of_the_search_keeps_its_score():
 # --- a study
 
 
+@pytest.mark.slow
 def test_the_result_is_what_the_confirming_simulator_says(confirmed):
     path, found = confirmed
     said = found.confirmation
@@ -208,6 +209,7 @@ def test_the_best_record_is_the_confirmed_one(confirmed):
     assert provenance["values"] == found.values
 
 
+@pytest.mark.slow
 def test_a_study_stopped_while_it_confirms_and_run_again_finds_the_same(confirmed, tmp_path, monkeypatch, drawn):
     path, uninterrupted = confirmed
 

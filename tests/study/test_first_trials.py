@@ -139,6 +139,7 @@ def test_each_worker_has_two_trials():
         first.check(failures | failed([63]), 63, Failure(RAISED, failures[0].reason, 0.1))
 
 
+@pytest.mark.slow
 def test_a_mended_plugin_goes_on_with_the_same_command(tmp_path):
     plugin = tmp_path / "bench_plugin.py"
     path = write_study(tmp_path, ("tiny_simulators:Echo", "bench_plugin:Bench"), ("budget = 24", "budget = 60"))

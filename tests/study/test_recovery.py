@@ -27,6 +27,7 @@ def test_hidden_values_are_found_again(name, tmp_path):
         assert value == pytest.approx(truth[parameter], abs=5.0 * confidence.standard_error[parameter])
 
 
+@pytest.mark.slow
 def test_layer_stiffness_and_mass_are_only_determined_as_a_ratio(tmp_path):
     both = {"layer_stiffness": Window(0.8, 1.25, "log"), "layer_mass": Window(0.8, 1.25, "log")}
     case = CASES["four_dof"]

@@ -56,11 +56,13 @@ def test_a_module_and_those_beside_it_that_it_imports_belong_to_it(beside):
     assert [name for name in before if before[name] != after[name]] == ["ident_deep"]
 
 
+@pytest.mark.slow
 def test_an_installed_distribution_is_known_by_its_version():
     [(name, text)] = used_code(stated("pytest:Thing"), None).items()
     assert (name, text) == ("pytest", f"pytest {pytest.__version__}")
 
 
+@pytest.mark.slow
 def test_an_editable_distribution_is_known_by_its_source(monkeypatch):
     monkeypatch.setattr(identity.sysconfig, "get_path", lambda kind: str(Path(__file__).parent / "no site"))
     assert set(used_code(stated("pytest:Thing"), None).values()) != {f"pytest {pytest.__version__}"}
@@ -87,6 +89,7 @@ def session_codes(*cells, seed="0"):
     ).stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_a_class_of_a_notebook_is_known_by_its_compiled_code():
     cell = CELL.format(gain=1.0, order="(1, 2)")
     code, of_another_gain, of_another_order, again = session_codes(

@@ -73,6 +73,7 @@ def same(killed, whole):
     assert not [name for name in os.listdir(killed.parent) if name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_goes_on_and_none_of_its_processes_is_left(tmp_path):
     gate, killed, whole = tmp_path / "gate", tmp_path / "killed" / "s.nc", tmp_path / "whole" / "s.nc"
     study, options = write_map_study(tmp_path, waiting(gate)), ("--over", "a=0.2:0.3:100", "--carry", "forward")

@@ -33,6 +33,7 @@ def test_the_extra_is_pytest_alone(extras):
     assert "calib[testing]" in extras["test"]
 
 
+@pytest.mark.slow
 def test_the_suites_import_where_only_that_extra_is_installed(extras):
     others = re.match(r"calib\[(.*)\]", next(name for name in extras["test"] if re.match(r"calib\[.*,", name)))[1]
     named = [*extras["test"], *(name for extra in others.split(",") for name in extras[extra])]

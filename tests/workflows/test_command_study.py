@@ -190,6 +190,7 @@ def lay_again(path, **options):
     return path
 
 
+@pytest.mark.slow
 def test_a_new_ledger_is_answered_from_the_cache_and_the_best_point_is_not(tmp_path, truth):
     path = counted(lay_out_study(tmp_path, truth, budget=3), tmp_path)
     first = run(path)
@@ -210,6 +211,7 @@ exec {folder}/bouncer "$@"
 """
 
 
+@pytest.mark.slow
 def test_a_program_that_is_replaced_during_a_search_ends_it_and_its_trials_are_kept(tmp_path, truth):
     path = lay_out_study(tmp_path, truth, budget=6)
     program = tmp_path / "count.sh"

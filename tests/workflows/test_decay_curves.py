@@ -70,6 +70,7 @@ def written(folder: Path, nuisance: str, fixed: str) -> Path:
     return folder / "study.toml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("nuisance", "fixed"),
     [('nuisance = ["initial_state"]', ""), ("", 'initial_displacement = "170 mm"')],

@@ -164,6 +164,7 @@ def test_what_was_simulated_before_the_budget_was_spent_is_not_simulated_again(f
     assert not (copy / "out" / SIMULATIONS).exists()
 
 
+@pytest.mark.slow
 def test_another_process_finds_what_was_simulated_and_not_for_other_data(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "copy")
     (copy / "study.toml").write_text(re.sub("candidates = .*", 'candidates = ["cubic_stiffness"]', STUDY))

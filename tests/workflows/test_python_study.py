@@ -148,6 +148,7 @@ def test_a_study_that_cannot_be_run_leaves_nothing_behind(monkeypatch, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @undrawn()
 def test_with_a_folder_it_is_the_study_of_the_command_line_and_is_gone_on_with(tmp_path):
     found = study(budget=12).run(tmp_path / "here", quiet=True)
@@ -330,6 +331,7 @@ def test_an_unknown_name_is_answered_with_those_there_are():
         _ = calib.Stduy
 
 
+@pytest.mark.slow
 def test_simulator_and_effect_of_an_interactive_session_run_in_its_process():
     code = (
         "import warnings, echo_study, calib; from calib.modelling.laws import sensor\n"

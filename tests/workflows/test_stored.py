@@ -120,6 +120,7 @@ def test_a_damaged_file_beside_the_calibration_is_left_out_of_the_report_and_nam
     assert name in page
 
 
+@pytest.mark.slow
 def test_a_window_whose_arrays_are_damaged_is_left_out_of_the_report(finished, tmp_path):
     folder = tmp_path / "copy"
     shutil.copytree(finished, folder)

@@ -49,6 +49,7 @@ def windowed(calibrated, tmp_path_factory):
     return folder, calib("window", folder, "--budget", BUDGET, "--tolerance", TOLERANCE).output
 
 
+@pytest.mark.slow
 def test_the_share_of_the_box_is_that_of_a_dense_grid(windowed):
     folder, _ = windowed
     study = load(folder).study
@@ -86,6 +87,7 @@ def test_each_parameter_has_its_tolerance_and_the_file_round_trips(windowed):
     assert "How far the parameters may vary" in (folder / "out" / "report.html").read_text()
 
 
+@pytest.mark.slow
 @undrawn()
 def test_a_larger_budget_goes_on_from_a_smaller_one(windowed, tmp_path):
     folder, _ = windowed
@@ -99,6 +101,7 @@ def test_a_larger_budget_goes_on_from_a_smaller_one(windowed, tmp_path):
     )
 
 
+@pytest.mark.slow
 @undrawn()
 def test_a_killed_window_ends_in_the_same_points(windowed, tmp_path):
     folder, _ = windowed
@@ -117,6 +120,7 @@ def test_a_killed_window_ends_in_the_same_points(windowed, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_curves_that_cannot_be_followed_are_said_and_leave_the_window_as_it_is(windowed, tmp_path):
     folder = tmp_path / "echo"
     shutil.copytree(windowed[0], folder)
@@ -129,6 +133,7 @@ def test_curves_that_cannot_be_followed_are_said_and_leave_the_window_as_it_is(w
     assert "period map" in result.exact[0].reason
 
 
+@pytest.mark.slow
 def test_python_has_it_too(windowed):
     folder, _ = windowed
     found = Calibration(folder / "study.toml").window(budget=BUDGET, tolerance={"": TOLERANCE}, quiet=True)
@@ -138,6 +143,7 @@ def test_python_has_it_too(windowed):
     assert "data:image/png" in found._repr_html_()
 
 
+@pytest.mark.slow
 @undrawn()
 def test_failed_runs_are_data(calibrated, tmp_path):
     folder = tmp_path / "echo"

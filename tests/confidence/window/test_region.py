@@ -145,6 +145,7 @@ def test_a_kind_of_which_only_the_label_is_known_has_its_boundary_midway():
     assert ((region.probability(test) > 0.5) != disc(test).admissible).mean() < 0.08 * area()
 
 
+@pytest.mark.slow
 def test_the_next_batch_depends_on_the_points_alone():
     """A design that saw every batch, and one that is shown all points at once, ask for the same."""
     _, observed = explored(disc, 2, 40)

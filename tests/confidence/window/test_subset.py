@@ -34,6 +34,7 @@ def simulated(turned, number, seed, integrand=lambda points: np.zeros(len(points
     return subset_simulation(lambda points: -distance(points, turned), integrand, 6, -1.0, 1.0, number, seed)
 
 
+@pytest.mark.slow
 def test_a_thin_oblique_part_has_its_volume_and_an_honest_error(turned):
     errors = []
     for seed in SEEDS:
@@ -45,6 +46,7 @@ def test_a_thin_oblique_part_has_its_volume_and_an_honest_error(turned):
     assert 0.4 < np.sqrt(np.mean(np.square(errors))) < 2.0  # as independent points have it is the least error
 
 
+@pytest.mark.slow
 def test_the_points_are_spread_evenly_over_the_part(turned):
     points = simulated(turned, 1 << 12, 1).points[: 1 << 12]
     along = (points - 0.5) @ turned / AXES  # of a ball: each coordinate has the variance 1 / (dim + 2)
@@ -69,6 +71,7 @@ def test_where_no_window_is_the_levels_come_to_an_end(turned):
     assert 1e-6 < part.weights.min() * 256 < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_window_of_a_twenty_thousandth_of_the_box_has_its_share(turned, seed):
     """Half an ellipsoid: a misfit that is a quadratic form, and a contact that is lost beyond a plane."""

@@ -79,6 +79,7 @@ def test_names_are_those_that_the_model_does_not_have():
     assert prefix_of(["found_c1", "stiffness"]) == "found2"
 
 
+@pytest.mark.slow
 def test_a_term_that_chance_prefers_is_not_taken():
     """Of some thirty terms the best reduces chi-square by 2 ln 30 in noise: AIC would take it in one of three."""
     first = [searched(-10.0 * STATES.x * np.abs(STATES.x), seed)[1][0] for seed in range(1, 9)]

@@ -25,6 +25,7 @@ def about(fitted, trials, text):
     return PartialSpline.of(fitted, trial)
 
 
+@pytest.mark.slow
 def test_beside_the_right_formula_the_force_is_nearer_and_its_band_covers():
     free, partial, covered = [], [], []
     for seed in range(8):

@@ -131,6 +131,7 @@ def test_a_worker_of_other_code_is_refused_with_what_differs(settings, monkeypat
         results(pool, [1])
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_costs_its_calls_alone_and_they_are_made_again(tmp_path):
     with DaskProcesses(tmp_path / "dask") as own:
         first = own.add_worker()

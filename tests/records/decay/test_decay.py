@@ -35,6 +35,7 @@ def clock(rng, count, rate):
     return rng.uniform(-5.0, 5.0) + np.cumsum(steps) / rate
 
 
+@pytest.mark.slow
 def test_the_stated_uncertainties_of_a_viscous_decay_cover_the_truth():
     rng, off = np.random.default_rng(5), []
     for seed in range(30):

@@ -83,6 +83,7 @@ def found(periodic):
     return render(*periodic.arguments, command="calib run studies/minimal/study.toml")
 
 
+@pytest.mark.slow
 def test_two_processes_draw_the_same_page(periodic, found):
     again = render(*periodic.arguments, command="calib run studies/minimal/study.toml", jobs=2)
     assert without_time(found) == without_time(again)
@@ -333,6 +334,7 @@ def test_the_page_states_the_uncertainty_of_a_record(periodic):
     assert noise_text(silent) == "no uncertainty stated"
 
 
+@pytest.mark.slow
 def test_the_page_of_an_extended_study_says_how_near_the_model_without_it_comes(periodic, found):
     base = BaseStudy(replace(periodic.result, name="plain"), periodic.records)
     page = render(*periodic.arguments, base=base)

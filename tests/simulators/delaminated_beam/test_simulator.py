@@ -456,6 +456,7 @@ def test_a_record_is_read_as_it_was_written(fidelity, tmp_path):
     assert again.attrs["stable_step"] == record.attrs["stable_step"]
 
 
+@pytest.mark.slow
 def test_a_child_process_gives_the_same_bits(tmp_path):
     code = (
         "import sys, pickle; from calib import records; simulator, path = pickle.load(sys.stdin.buffer), sys.argv[1];"
@@ -536,6 +537,7 @@ def test_the_list_tells_of_its_parameters_and_options():
     assert "settle_limit = 200" in options
 
 
+@pytest.mark.slow
 def test_a_record_accounts_for_the_energy_of_a_period():
     record, plain = run(beam(fidelity="full", balance=True)), run(beam(fidelity="full"))
     work = record.attrs["work_of_drive"]

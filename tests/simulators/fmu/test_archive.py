@@ -49,6 +49,7 @@ def left(folder):
     return [one.name for one in folder.glob(f"{PREFIX}*")]
 
 
+@pytest.mark.slow
 def test_a_folder_is_removed_at_the_end_of_its_process_or_by_the_next_where_that_was_killed(temporary):
     with unpacking(temporary) as killed, unpacking(temporary):
         killed.send_signal(signal.SIGKILL)

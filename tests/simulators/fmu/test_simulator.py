@@ -291,6 +291,7 @@ def test_the_acceleration_of_a_recorded_motion_needs_a_cutoff(fmu_file):
     assert Model(simulator).run({}, replace(recorded, cutoff=100.0), Request(times=time)).attrs["status"] == "ok"
 
 
+@pytest.mark.slow
 def test_nothing_of_fmpy_is_imported_before_an_fmu_is_read():
     script = (
         "import sys, calib.cli, calib.simulators.fmu\n"

@@ -20,6 +20,7 @@ def tip_of_akantu(b, step, displacement, steps, tip):
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_free_vibration_is_that_of_akantu():
     """Bilinear elements, a small amplitude, a tenth of a period from the bent shape."""
     b = beam(symmetric=False, bilinear=True)
