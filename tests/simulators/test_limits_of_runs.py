@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+from calib.effects.bouc_wen import EFFECT as BOUC_WEN
 from calib.effects.delayed_feedback import EFFECT as DELAYED_FEEDBACK
 from calib.effects.phase_jitter import EFFECT as PHASE_JITTER
 from calib.effects.presliding import EFFECT as PRESLIDING
+from calib.effects.stribeck import EFFECT as STRIBECK
 from calib.errors import CalibError
 from calib.modelling.model import Model
 from calib.modelling.simulator import Request
@@ -123,9 +126,52 @@ def test_friction_that_slips_in_much_less_than_a_step_is_constant():
     np.testing.assert_allclose(record.displacement.values[0], 3.0 * times - times**2, atol=1e-5)
 
 
+@pytest.mark.parametrize("distance", [1e-6, 1e-8])
+@pytest.mark.parametrize(
+    ("effect", "named"),
+    [
+        (PRESLIDING, {"dahl_force": 2.0, "dahl_distance": 1.0}),
+        (STRIBECK, {"stribeck_force": 2.0, "stribeck_rise": 0.0, "stribeck_distance": 1.0}),
+        (BOUC_WEN, {"hysteresis_force": 2.0, "hysteresis_distance": 1.0}),
+    ],
+    ids=lambda one: getattr(one, "name", ""),
+)
+def test_friction_whose_stroke_is_many_yield_displacements_costs_steps_at_its_reversals_alone(effect, named, distance):
+    """On a spring each half swing then loses 2 F / k, as with Coulomb's friction; up to 1e7 distances a swing.
+
+    The friction builds up while the mass moves by the distance from rest, in a time of the order of its square root.
+    """
+    force, stiffness, start = 2.0, 100.0, 0.11  # N, N/m, m: turns at -0.07 m and 0.03 m
+    values = {"mass": 1.0, "damping": 0.0, "stiffness": stiffness, "initial_displacement": start}
+    values |= {name: value * distance if name.endswith("distance") else value for name, value in named.items()}
+    times = np.linspace(0.0, 0.27 * np.pi, 109)
+    request = Request(times=times, step_budget=int(40 / np.sqrt(distance)))
+    record = Model(Oscillator(), [effect]).run(values, Excitation("mass", "free decay"), request)
+    assert record.attrs["status"] == "ok", record.attrs["reason"]
+    half, loss = np.floor(10.0 * times / np.pi), force / stiffness
+    side = np.where(half % 2 == 0, 1.0, -1.0)
+    exact = side * loss + (start - (2.0 * half + 1.0) * loss) * side * np.cos(10.0 * times - half * np.pi)
+    np.testing.assert_allclose(record.displacement.values[0], exact, atol=0.5 * np.sqrt(distance))
+
+
+def test_friction_of_a_long_stroke_is_that_of_an_implicit_method():
+    values = {"mass": 1.0, "damping": 0.0, "stiffness": 100.0, "initial_displacement": 0.11}
+    times = np.linspace(0.0, 0.5, 51)
+    record = Model(Oscillator(), [PRESLIDING]).run(
+        values | {"dahl_force": 2.0, "dahl_distance": 1e-5}, Excitation("mass", "free decay"), Request(times=times)
+    )
+
+    def rates(t, y):
+        x, v, z = y
+        return v, -100.0 * x - 2.0 * z, (v - z * abs(v)) / 1e-5
+
+    known = solve_ivp(rates, (0.0, 0.5), [0.11, 0.0, 0.0], "Radau", times, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(record.displacement.values[0], known.y[0], atol=1e-9)
+
+
 def test_friction_that_asks_for_too_many_steps_ends_with_the_step_budget():
     values = {**SLOW, "dahl_force": 2.0, "dahl_distance": 1e-5}
-    request = Request(periods=1, samples=50, settle=0, step_budget=200_000)
+    request = Request(periods=1, samples=50, settle=0, step_budget=1000)
     drive = Excitation("mass", "force", frequency=1.0, amplitude=20.0)
     record = Model(Oscillator(), [PRESLIDING]).run(values, drive, request)
     assert (record.attrs["status"], record.sizes["time"]) == ("step budget", 0)

@@ -86,9 +86,9 @@ def test_a_record_goes_on_where_a_law_with_a_state_is_added_or_left_out(laws):
 
 
 def test_the_step_budget_holds_for_all_periods_that_shooting_takes(monkeypatch):
-    """Friction that sticks within a micrometre takes thousands of steps in every period."""
+    """Friction that sticks within a nanometre takes thousands of steps in every period."""
     model = Model(DRIVES["oscillator"][0], [load("calib.effects", "presliding")])
-    values = DRIVES["oscillator"][2] | {"dahl_force": 0.5, "dahl_distance": 1e-6}
+    values = DRIVES["oscillator"][2] | {"dahl_force": 0.5, "dahl_distance": 1e-9}
     drive, budget, steps = DRIVES["oscillator"][1], 5_000, []
     before = model.run(values | {"dahl_distance": 1e-4}, drive, Request(periods=2, samples=100))
 

@@ -4,8 +4,8 @@ The linear part of the motion stays exact. What depends on the motion is colloca
 the step and iterated to its fixed point: order 8 at the ends of steps (a step that an impact ends is taken anew up to
 the impact), order 5 for velocities within them. A law that jumps reduces that to the order of its jump. Where a
 polynomial through the nodes misses the force laws between them (a kink, a steep film of air), the step is halved down
-to a limit. It is halved on where internal states of force laws do not converge, or where the polynomial misses the laws
-of the excitation: there a longer step would be wrong at any limit.
+to a limit. It is halved on where internal states of force laws do not converge, not even where they are solved for, or
+where the polynomial misses the laws of the excitation: there a longer step would be wrong at any limit.
 """
 
 import math
@@ -15,10 +15,16 @@ from numba import njit
 
 from calib.modelling.laws import STATES
 from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.impact.collocated_states import (
+    differentiate_rates,
+    hold_states,
+    integrate_states,
+    solve_states,
+)
 from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.input_polynomial import set_input
-from calib.simulators.impact.polynomial import BETWEEN, FIT, INTEGRAL, POINTS, PROBE_INDEX, polynomial, slope
+from calib.simulators.impact.polynomial import BETWEEN, FIT, POINTS, PROBE_INDEX, polynomial, slope
 from calib.simulators.impact.problem import (
     AT_PERIOD,
     COMPRESSION,
@@ -165,8 +171,13 @@ _follow = by_stop(_need_not_follow, _follow_in_compliance, INLINED)
 
 
 @njit(**INLINED)
-def _sum_at(problem: Problem, b: int, t: float, x: float, v: float, j: int, w: Scratch) -> float:
-    """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written."""
+def _sum_at(
+    problem: Problem, b: int, t: float, x: float, v: float, step: float, j: int, stiff: bool, w: Scratch
+) -> float:
+    """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written.
+
+    stiff : whether the derivatives of the rates by their states are written too
+    """
     total = 0.0
     z, dz = w.law_state[0], w.law_state[1]
     for i in range(problem.counts[FORCE_LAWS]):
@@ -177,6 +188,8 @@ def _sum_at(problem: Problem, b: int, t: float, x: float, v: float, j: int, w: S
             total += force(problem.force[i], t, x, v, problem.force_p[i], z, dz)
             for k in range(STATES):
                 w.dz[i, b, k, j] = dz[k]
+            if stiff:
+                differentiate_rates(problem, i, b, t, x, v, step, j, w)
     return total
 
 
@@ -199,8 +212,8 @@ def _clearance(
 
 
 @njit(**INLINED)
-def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scratch) -> None:
-    """Write the accelerations by the laws and the rates of their internal states at point `j`."""
+def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, stiff: bool, w: Scratch) -> None:
+    """Write the accelerations by the laws and the rates of their internal states at point `j`; stiff : of `_sum_at`."""
     regimes, n = problem.regimes, w.q.size
     for i in range(n):
         y, v = 0.0, 0.0
@@ -214,29 +227,16 @@ def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scr
         for i in range(n):
             q += regimes.shape[r, b, i] * w.y[i]
             dq += regimes.shape[r, b, i] * w.v[i]
-        w.law[b, j] = _sum_at(problem, b, t, q, dq, j, w)
+        w.law[b, j] = _sum_at(problem, b, t, q, dq, step, j, stiff, w)
     if problem.counts[PORT_LAWS] > 0:
         clearance, rate = w.free_q[n, j], w.free_dq[n, j]
         if r != CONTACT:
             for i in range(n):
                 clearance += regimes.witness_y[r, i] * w.y[i]
                 rate += regimes.witness_y[r, i] * w.v[i]
-        opening = _sum_at(problem, n, t, clearance, rate, j, w)
+        opening = _sum_at(problem, n, t, clearance, rate, step, j, stiff, w)
         for b in range(n):
             w.law[b, j] += problem.push[b] * opening
-
-
-@njit(**WITHIN)
-def _integrate_states(problem: Problem, z: np.ndarray, step: float, first: int, end: int, w: Scratch) -> None:
-    """Write the internal states at some of the points from their rates at the nodes."""
-    for i in range(problem.counts[FORCE_LAWS]):
-        for b in range(z.shape[1]):
-            for k in range(z.shape[2]):
-                for j in range(first, end):
-                    total = 0.0
-                    for node in range(5):
-                        total += INTEGRAL[j, node] * w.dz[i, b, k, node]
-                    w.z[i, b, k, j] = z[i, b, k] + step * total
 
 
 @njit(**INLINED)
@@ -286,17 +286,6 @@ def _modal_speed(regimes: Regimes, r: int, y: np.ndarray, v: np.ndarray) -> floa
 
 
 @njit(**WITHIN)
-def _hold_states(z: np.ndarray, w: Scratch) -> None:
-    """Let the internal states keep their value at all nodes."""
-    for i in range(z.shape[0]):
-        for b in range(z.shape[1]):
-            for k in range(z.shape[2]):
-                for j in range(5):
-                    w.z[i, b, k, j] = z[i, b, k]
-                    w.dz[i, b, k, j] = 0.0
-
-
-@njit(**WITHIN)
 def _repeat_first(w: Scratch) -> None:
     """Let the laws and the rates of their states keep their value at the first node: the first guess."""
     for b in range(w.law.shape[0]):
@@ -316,8 +305,8 @@ def _is_resolved(
 ) -> bool:
     """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
     if problem.counts[LAW_STATES] > 0:
-        _integrate_states(problem, state.z, step, PROBE_INDEX, PROBE_INDEX + 1, w)
-    _laws_at(problem, r, start, step, PROBE_INDEX, w)
+        integrate_states(problem, state.z, step, PROBE_INDEX, PROBE_INDEX + 1, w)
+    _laws_at(problem, r, start, step, PROBE_INDEX, False, w)
     share = MAX_ERROR_AT_PORT if problem.counts[PORT_LAWS] > 0 else MAX_ERROR_ON_BODIES
     for b in range(w.q.size):
         for j in range(5):
@@ -341,37 +330,56 @@ def _is_resolved(
     return True
 
 
-@njit(**INLINED)
-def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> int:
-    """Work out the loads by the force laws over a step; the outcome as of `collocate`."""
+@njit(**WITHIN)
+def _iterate(
+    problem: Problem, r: int, state: ImpactState, time: float, step: float, speed: float, stiff: bool, w: Scratch
+) -> tuple[bool, float]:
+    """Iterate the loads by the force laws over a step to their fixed point.
+
+    stiff : whether the internal states are solved for with the derivatives of their rates
+    -> whether they converge, and their last change over their size
+    """
     start = state.counters[AT_PERIOD] * problem.period + time
-    _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
     if problem.counts[LAW_STATES] > 0:
-        _hold_states(state.z, w)
-    speed = _modal_speed(problem.regimes, r, state.y, state.v)
-    converged, held, before, earlier, change, size = False, False, math.inf, math.inf, math.inf, 0.0
+        hold_states(state.z, w)
+    held, before, earlier, change, size = False, math.inf, math.inf, math.inf, 0.0
     for sweep in range(MAX_SWEEPS):
         _follow(problem, state, time, step, w)
         for j in range(5):
             if (j == 0) == (sweep == 0):  # the first node does not change
-                _laws_at(problem, r, start, step, j, w)
+                _laws_at(problem, r, start, step, j, stiff and j > 0, w)
         if sweep == 0:
             _repeat_first(w)
         change, size = _refit(problem.regimes, r, w)
-        if problem.counts[LAW_STATES] > 0:
-            _integrate_states(problem, state.z, step, 0, PROBE_INDEX, w)
+        if stiff and sweep > 0:
+            solve_states(problem, state.z, step, w)
+        elif problem.counts[LAW_STATES] > 0 and not stiff:
+            integrate_states(problem, state.z, step, 0, PROBE_INDEX, w)
         close = sweep > 0 and (change <= LOAD_TOLERANCE * size or change * step <= NEGLIGIBLE_CHANGE * speed)
         # the loads follow internal states one sweep late, so with those they have to hold twice
-        converged = close and (problem.counts[LAW_STATES] == 0 or held)
+        if close and (problem.counts[LAW_STATES] == 0 or held):
+            return True, 0.0
         held = close
-        if converged or (sweep > 2 and not close and change > MAX_LOAD_CONTRACTION * earlier):
+        if sweep > 2 and not close and change > MAX_LOAD_CONTRACTION * earlier:
             break
         before, earlier = change, before
+    return False, change / size
+
+
+@njit(**INLINED)
+def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> int:
+    """Work out the loads by the force laws over a step; the outcome as of `collocate`."""
+    _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
+    speed = _modal_speed(problem.regimes, r, state.y, state.v)
+    converged, change = _iterate(problem, r, state, time, step, speed, False, w)
+    if not converged and problem.counts[LAW_STATES] > 0 and problem.exact:
+        converged, change = _iterate(problem, r, state, time, step, speed, True, w)
     if not converged:
-        wrong = problem.counts[LAW_STATES] > 0 and change > MAX_ROUNDING_CHANGE * size
+        wrong = problem.counts[LAW_STATES] > 0 and change > MAX_ROUNDING_CHANGE
         return NOT_CONVERGED if wrong else MISSED_BETWEEN
     if not problem.exact:
         return LOADS_HOLD
+    start = state.counters[AT_PERIOD] * problem.period + time
     _respond(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
     return LOADS_HOLD if _is_resolved(problem, r, state, start, step, speed, w) else MISSED_BETWEEN
 

@@ -40,6 +40,8 @@ class Scratch(NamedTuple):
     response_v: np.ndarray
     z: np.ndarray  # (force laws, n + 1, STATES, 6) internal states
     dz: np.ndarray  # their rates
+    by_state: np.ndarray  # (force laws, n + 1, STATES, 5) derivative of each rate by its own state
+    equations: np.ndarray  # (4, 5) of one state at the nodes beyond the first; the right-hand side last
     law_state: np.ndarray  # (2, STATES) internal states of one law at one place, and their rates
     resolved_step: np.ndarray  # (1,) length of step over which the laws held last  [s]
     y: np.ndarray  # (n,) modal motion at an instant
@@ -59,6 +61,7 @@ def scratch(problem: Problem) -> Scratch:
         np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 6)), np.zeros((n, 5)),
         np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
         np.zeros((laws, n + 1, STATES, 6)), np.zeros((laws, n + 1, STATES, 6)),
+        np.zeros((laws, n + 1, STATES, 5)), np.zeros((4, 5)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
         np.zeros((MODES + 3 * n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
         np.zeros((8 + n, BRANCHES, TERMS)) if compliant else None,  # type: ignore[arg-type]
