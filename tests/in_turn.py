@@ -1,6 +1,7 @@
 """Stand-ins for what runs tasks in their turn, and ahead of it."""
 
 from collections import deque
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 
@@ -9,6 +10,15 @@ class InTurn(SimpleNamespace):
 
     def in_turn(self, tasks):
         return (task(self) for task in tasks)
+
+    def attempt(self, step):
+        return step()
+
+    def measuring(self, kind):
+        return nullcontext()
+
+    def foresee(self, kind, count):
+        pass
 
 
 class Processes:

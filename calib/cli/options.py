@@ -104,7 +104,7 @@ def searching_for_a_cause(apply: str) -> Callable[[Callable[..., Any]], Callable
         JOBS,
         POOL,
         click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]"),
-        click.option("--budget", help="Simulations, or a time such as '10 min', after which no fit or search begins."),
+        click.option("--budget", help="Simulations, or a time such as '10 min', within which the search ends."),
         click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only."),
         JSON,
     )

@@ -38,18 +38,13 @@ def may_be_compromise(fitter: Fitter, state: StepwiseState, candidates: Sequence
 def with_best_pair(fitter: Fitter, state: StepwiseState, candidates: Sequence[Candidate], seed: int) -> StepwiseState:
     """Put the best pair in the place of the causes where it explains more, and each is a cause beside the other.
 
-    The other candidates are scored again, about the model so far: its noise may have been re-estimated. The causes stay
-    where the budget is spent before the pair is tested.
+    The other candidates are scored again, about the model so far: its noise may have been re-estimated.
     """
     null, known = state.null, None if state.causes else state.known
     others = [candidate for candidate in candidates if candidate.name not in state.names]
     suspects, threshold = screened(fitter, state.final, others, seed, known)
     pair = best_pair(fitter, null, state.causes, state.final, suspects)
-    if (
-        pair is None
-        or fitter.effort.spent
-        or not _explains_more(fitter.evidence, null, state.causes, state.final, pair)
-    ):
+    if pair is None or not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
         return state
     was_explained, state = state.is_explained, _fitted_from(fitter, state, pair[1])
     if not _explains_more(fitter.evidence, null, state.causes, state.final, pair):
@@ -98,7 +93,7 @@ def with_pair_beside(
     kept = {candidate.name for candidate in beside}
     suspects, threshold = screened(fitter, base, [c for c in tenable if c.name not in kept], seed, None)
     pair = best_pair(fitter, base, (), base, suspects, beside)
-    if pair is None or fitter.effort.spent:
+    if pair is None:
         return None
     causes, final = replaced(fitter, state.null, [*others, *pair[0]], pair[1], tenable, seed, {}, last_too=True)
     attained = min(state.attained, state.final.chi2) + sum(other.aic_penalty for other, _ in others)

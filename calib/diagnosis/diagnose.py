@@ -8,14 +8,15 @@ from functools import partial
 
 from calib.diagnosis.bench import Bench
 from calib.diagnosis.criteria import CRITERIA
-from calib.diagnosis.effort import Budget, Effort
+from calib.diagnosis.effort import SETTINGS, Budget, BudgetSpent, Effort
 from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.foresight import NEXT_MEASUREMENT, foresee_rivals
 from calib.diagnosis.gain import Gain
-from calib.diagnosis.gates import Gate, above_noise, converged, noise_known
+from calib.diagnosis.gates import Gate, above_noise, budget_suffices, converged, noise_known
 from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.model_selection import select
-from calib.diagnosis.next_measurement import Design, next_measurement
+from calib.diagnosis.next_measurement import MAX_MODELS, Design, next_measurement
 from calib.diagnosis.preparation import (
     OUTLIERS,
     QUANTISATION,
@@ -32,12 +33,14 @@ from calib.diagnosis.refutation import revised_by_records
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.speculation import SpeculativePool
 from calib.diagnosis.stages import Stages
-from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, untried, verdict_of
+from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, joined, untried, verdict_of
 from calib.execution.pool import OpenPool
 from calib.modelling.effect import Effect
 from calib.objective import Reference
 from calib.store.kept_results import KeptResults
 from calib.study import CalibrationStudy
+
+SIMULATIONS_PER_HELD_RECORD = 4  # by two models, and for the rate of its clock with two  [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ class Diagnosis:
     design : of the next measurement, where the records leave several causes indistinguishable
     seconds : wall-clock time  [s]
     simulations : number of runs, those included whose result was known
-    cut_short : whether the budget was spent
+    cut_short : whether something was left out or broken off for the budget
     """
 
     verdict: str
@@ -130,7 +133,7 @@ def diagnose(
     pool : makes a pool of the function it maps; None: that of the study
     on_stage : called with the name of each stage as it begins; see `Stages`
     on_progress : called with the number of simulations done, and of those expected in all
-    budget : after which no further fit and no search of a next measurement begins; None: none
+    budget : within which the search ends, be it in the middle of a fit; None: none
     laboratory : in whose region the next measurement is searched; None: none is searched
     kept : file in which simulations outlive the process; None: none
 
@@ -159,22 +162,34 @@ def _diagnosed(
     on_stage: Callable[[str], None],
     laboratory: Laboratory | None,
 ) -> Diagnosis:
-    ready = prepared(pool, bench, study, values, effects, on_stage)
+    ready = pool.attempt(partial(prepared, pool, bench, study, values, effects, on_stage))
+    if ready is None:
+        ready = NotDiagnosable((budget_suffices(pool, "the calibrated model was fitted"),))
     if isinstance(ready, NotDiagnosable):
         return Diagnosis(NOT_DIAGNOSABLE, failures(ready.gates), ready.gates, simulations=pool.done)
     fitter = ready.fitter
-    selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
+    pool.reserve = _conclusion(fitter, bench, effects)
+    if laboratory is not None:
+        pool.priors[SETTINGS] = laboratory.simulations
+    try:
+        selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
+    except BudgetSpent:
+        return _untested(pool, bench, ready, seed)
     ready, selection = _quantisation_or_causes(ready, selection)
+    foresee_rivals(fitter, float(len(selection.rivals) > 1))
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
-        on_stage("gain, without fits: the budget is spent" if pool.spent else "gain")
+        on_stage("gain, without fits: the budget is spent" if pool.spent or pool.left < 1.0 else "gain")
         selection, gain = revised_by_records(fitter, bench, selection, ready.suspects, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
+    unfitted = () if selection.causes else selection.rounds[0].untried
+    if unfitted:
+        gates = (*gates, budget_suffices(pool, f"{joined(unfitted)} could be fitted"))
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
     verdict, summary = verdict_of(selection, gates, ready, gain)
-    summary += untried(selection, gain)
+    summary += "" if unfitted else untried(selection, gain)
     design = None
     if len(selection.rivals) > 1 and verdict == ONE_OF and laboratory is not None:
         design, remark = _designed(pool, bench, fitter, selection, laboratory, on_stage)
@@ -196,6 +211,23 @@ def _diagnosed(
     )
 
 
+def _untested(pool: Effort, bench: Bench, ready: Prepared, seed: int) -> Diagnosis:
+    """Diagnosis whose budget was spent before all candidates were tested."""
+    gates, evidence = (*ready.gates, budget_suffices(pool, "all candidates were tested")), ready.fitter.evidence
+    compared = misfit(pool, bench, evidence, ready.null, seed)
+    return Diagnosis(
+        NOT_DIAGNOSABLE, failures(gates), gates, None, evidence, ready.refused, compared, simulations=pool.done
+    )
+
+
+def _conclusion(fitter: Fitter, bench: Bench, effects: Sequence[Effect]) -> int:
+    """Simulations that follow the search in any case: of derivatives, of the gain, of the solver, and of the misfit."""
+    held = sum(reference.use == "holdout" for reference in bench.objective.references.values())
+    derivatives = len(fitter.space.windows) + CRITERIA.max_causes
+    of_each = derivatives + len(numerical(effects)) + 1
+    return len(fitter.evidence.parts) * of_each + held * (derivatives + SIMULATIONS_PER_HELD_RECORD)
+
+
 def _designed(
     pool: Effort,
     bench: Bench,
@@ -205,9 +237,11 @@ def _designed(
     on_stage: Callable[[str], None],
 ) -> tuple[Design | None, str]:
     """Next measurement as far as the budget suffices, and where it does not that, as the end of a sentence."""
-    if pool.spent:
+    pool.reserve = len(fitter.evidence.parts)  # for the misfit
+    if not pool.suffices(MAX_MODELS * len(fitter.evidence.parts) * len(selection.final.names)):
         return None, " (the budget was spent before a next measurement was searched)"
     on_stage("next measurement")
+    pool.later.pop(NEXT_MEASUREMENT, None)
     pool.foresee(min(laboratory.simulations, pool.left))
     design = next_measurement(pool, bench, fitter, selection.rivals, laboratory)
     if design is None or design.max_simulations == laboratory.simulations:

@@ -3,8 +3,9 @@
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.speculation import SpeculativePool
@@ -12,10 +13,20 @@ from calib.errors import CalibError
 from calib.study import Pool
 from calib.units import to_si
 
+MIN_SECONDS = 1e-6  # between two readings of a clock: below it a pace means nothing
+SCORE, SUSPECT, SEARCH = "score of a parameter", "refit of a suspect", "refits of a search"  # kinds of step
+PAIR, SETTINGS = "fit of a pair", "search of a next measurement"
+
+T = TypeVar("T")
+
+
+class BudgetSpent(Exception):
+    """A step of a search asks for more simulations than the budget leaves it."""
+
 
 @dataclass(frozen=True)
 class Budget:
-    """Limits of a diagnosis, after which no further fit and no search of a next measurement begins.
+    """Limits of a diagnosis, within which its search ends, be it in the middle of a fit.
 
     Attributes
     ----------
@@ -55,6 +66,14 @@ class Effort:
     pool : maps `calib.diagnosis.bench.Run` to `SimulatedRows`
     budget : see there
     on_progress : called with the number of simulations done, and of those expected in all
+
+    Attributes
+    ----------
+    done, foreseen : number of simulations, and of those expected in all
+    later : stage -> number and kind of the steps that are expected in it, of stages that have not begun
+    priors : kind of step -> simulations that one is expected to take before any is measured
+    reserve : simulations that the search leaves to what follows it in any case
+    spent : whether a step of the search was left out or broken off for the budget: then no further one begins
     """
 
     def __init__(
@@ -67,33 +86,83 @@ class Effort:
         self.pool = pool if isinstance(pool, SpeculativePool) else SpeculativePool(pool)
         self._budget, self._on_progress, self._clock = budget or Budget(), on_progress, clock
         self._begin = clock()
+        self._runs = self._attempts = 0
+        self._ended: list[tuple[int, float]] = []  # simulations done and the time, as runs end
         self.done = self.foreseen = 0
+        self.later: dict[str, tuple[float, str]] = {}
+        self.priors: dict[str, float] = {}
+        self._measured: dict[str, tuple[float, int]] = {}  # kind of step -> number of them, and their simulations
+        self.reserve = 0.0
+        self.spent = False
 
     def map(self, payloads: Iterable[Any]) -> Iterator[tuple[int, Any]]:
-        """Yield (index, result or Failure) as they end."""
-        for index, result in self.pool.map(payloads):
+        """Yield (index, result or Failure) as they end.
+
+        Raises
+        ------
+        BudgetSpent : in an attempt for which the budget does not suffice; before any of them is run
+        """
+        asked = list(payloads)
+        if self._attempts and not self.suffices(len(asked) * (self.done / self._runs if self._runs else 1.0)):
+            raise BudgetSpent
+        for index, result in self.pool.map(asked):
+            self._runs += 1
             self.done += result.simulations if isinstance(result, SimulatedRows) else 1
-            self.foreseen = max(self.foreseen, self.done)
+            self.foreseen = max(self.foreseen, self.done + self._later)
+            self._ended.append((self.done, self._clock()))
             self._on_progress(self.done, self.foreseen)
             yield index, result
 
+    def attempt(self, step: Callable[[], T]) -> T | None:
+        """Result of a step of the search; None where the budget does not suffice for all of it."""
+        if not self.suffices():
+            return None
+        self._attempts += 1
+        try:
+            return step()
+        except BudgetSpent:
+            return None
+        finally:
+            self._attempts -= 1
+
+    def suffices(self, simulations: float = 1.0) -> bool:
+        """Whether the budget suffices for a step of the search of so many simulations; if not, it is spent."""
+        self.spent = self.spent or self.left < simulations
+        return not self.spent
+
     def foresee(self, further: float) -> None:
-        """Update the number of further simulations that are expected."""
-        self.foreseen = self.done + round(further)
+        """Update the number of further simulations that are expected in this stage."""
+        self.foreseen = self.done + round(further) + self._later
         self._on_progress(self.done, self.foreseen)
+
+    @contextmanager
+    def measuring(self, kind: str, count: float = 1.0) -> Iterator[None]:
+        """Measure the simulations of steps of a kind, by which further ones are foreseen."""
+        begin = self.done
+        yield
+        number, simulations = self._measured.get(kind, (0.0, 0))
+        self._measured[kind] = number + count, simulations + self.done - begin
+
+    def expected(self, kind: str, count: float = 1.0) -> float:
+        """Simulations of so many steps of a kind, by the mean of those so far, among which the prior counts as one."""
+        number, simulations = self._measured.get(kind, (0.0, 0))
+        return count * (self.priors.get(kind, 0.0) + simulations) / (1.0 + number)
+
+    @property
+    def _later(self) -> int:
+        """Simulations that are expected in stages that have not begun."""
+        return round(sum(self.expected(kind, count) for count, kind in self.later.values()))
 
     @property
     def left(self) -> float:
-        """Simulations for which the budget suffices, that of time at the pace so far; infinite without a budget."""
-        simulations, seconds, passed = self._budget.simulations, self._budget.seconds, self._clock() - self._begin
-        left = math.inf if simulations is None else max(0, simulations - self.done)
-        if seconds is None or not passed > 0.0:
-            return left
-        return min(left, max(0.0, seconds - passed) * self.done / passed)
+        """Simulations that the budget leaves to the search; infinite without one.
 
-    @property
-    def spent(self) -> bool:
-        """Whether the budget is spent."""
-        simulations, seconds = self._budget.simulations, self._budget.seconds
-        over = simulations is not None and self.done >= simulations
-        return over or (seconds is not None and self._clock() - self._begin >= seconds)
+        That of time at the pace of the latter half of those so far: before, kernels may have been compiled.
+        """
+        simulations, seconds, now = self._budget.simulations, self._budget.seconds, self._clock()
+        left = math.inf if simulations is None else simulations - self.done
+        if seconds is not None and now > self._begin:
+            begin, then = self._ended[len(self._ended) // 2] if len(self._ended) > 1 else (0, self._begin)
+            pace = max(1, self.done - begin) / max(now - then, MIN_SECONDS)
+            left = min(left, (seconds - (now - self._begin)) * pace)
+        return max(0.0, left - self.reserve)

@@ -79,12 +79,12 @@ def eliminated(
     whole = Elimination(tuple(causes), final, True)
     by_size = now = _outweighing(fitter, null, whole, attained)
     while now.is_explained and (heterogeneous := _of_several_sizes(fitter, null, now, threshold)):
-        if len(now.causes) == 1 or fitter.effort.spent:
+        if len(now.causes) == 1:
             return by_size
         least = min(heterogeneous, key=lambda c: c.chi2)
         [cause] = [c for c in now.causes if c[0].name == least.effect]
-        model = _without(fitter, null, now, cause)
-        if not model.names:
+        model = fitter.attempt(partial(_without, fitter, null, now, cause))
+        if model is None or not model.names:
             return by_size
         share = _share(_rise(fitter, now.final, model), _remaining(fitter, null, now, attained))
         now = _outweighing(fitter, null, _less(fitter, now, cause, model, share, several_sizes(least)), attained)
@@ -115,19 +115,18 @@ def _outweighing(fitter: Fitter, null: Fit, begun: Elimination, attained: float)
     now = begun
     while now.causes:
         alone, remaining = len(now.causes) == 1, _remaining(fitter, null, now, attained)
-        spent = not alone and fitter.effort.spent
-        if spent and _leaves_noise(fitter, null, now):
+        reduced = [null] if alone else fitter.attempt(partial(_each_left_out, fitter, null, now))
+        if reduced is None and _leaves_noise(fitter, null, now):
             return now
-        tasks = [] if spent else [partial(_without, null=null, now=now, left_out=cause) for cause in now.causes]
-        reduced = list(fitter.in_turn(tasks))
-        rises = [_rise(fitter, now.final, fit) if fit.names else np.inf for fit in reduced]
-        rises = rises or [cause.chi2_reduction for cause, _ in now.causes]
+        rises = [cause.chi2_reduction for cause, _ in now.causes]
+        if reduced is not None:
+            rises = [_rise(fitter, now.final, fit) if fit.names else np.inf for fit in reduced]
         weakest = int(np.argmin(rises))
         over = rises[weakest] - CRITERIA.min_over_remainder * remaining
         now = replace(now, margin=min(now.margin, abs(over)))
         if over >= 0.0:
             return now
-        if spent or alone:
+        if reduced is None or alone:
             break
         share = _share(rises[weakest], remaining)
         now = _less(fitter, now, now.causes[weakest], reduced[weakest], share)
@@ -167,6 +166,11 @@ def _less(fitter: Fitter, now: Elimination, cause: Cause, model: Fit, share: flo
     others = tuple(other for other in now.causes if other is not cause)
     out = LeftOut(cause[0].name, share, tuple(other.name for other, _ in others), reason)
     return replace(now, causes=others, final=fitter.with_derivatives(model), left_out=(*now.left_out, out))
+
+
+def _each_left_out(fitter: Fitter, null: Fit, now: Elimination) -> list[Fit]:
+    """Fit the models with all causes but one, of each in turn."""
+    return list(fitter.in_turn([partial(_without, null=null, now=now, left_out=cause) for cause in now.causes]))
 
 
 def _without(fitter: Fitter, null: Fit, now: Elimination, left_out: Cause) -> Fit:

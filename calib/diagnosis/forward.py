@@ -8,9 +8,11 @@ import numpy as np
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.effort import BudgetSpent
 from calib.diagnosis.evidence import Evidence, clocks_differ
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.foresight import foresee_rivals, foresee_scores, foresee_search
 from calib.diagnosis.noise import MAX_ORDER
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
@@ -24,24 +26,50 @@ from calib.diagnosis.suspect import Refitted, leading_variants
 def forward(
     fitter: Fitter, null: Fit, candidates: Sequence[Candidate], seed: int, on_stage: Callable[[str], None]
 ) -> StepwiseState:
-    """Choose causes one after the other, until one is rejected."""
+    """Choose causes one after the other, until one is rejected.
+
+    Raises
+    ------
+    BudgetSpent : before all candidates are scored beside the calibrated model
+    """
     state = StepwiseState(null, null, {})
     for number in range(CRITERIA.max_causes):
-        if number and fitter.effort.spent:
+        if number and not fitter.effort.suffices():
             break
         on_stage(f"suspects {number + 1}")
-        outcome, cause = _round(fitter, state, candidates, seed + number)
-        if cause is not None and state.causes and (general := _in_place_of_both(fitter, state, cause)) is not None:
+        foresee_search(fitter, state.final, len(state.causes), candidates)
+        foresee_scores(fitter, [c for c in candidates if id(c) not in state.known])
+        try:
+            outcome, cause = _round(fitter, state, candidates, seed + number)
+        except BudgetSpent:
+            if number:
+                break
+            raise
+        general = None
+        if cause is not None and state.causes:
+            general = fitter.attempt(partial(_in_place_of_both, fitter, state, cause))
+        if general is not None:
             rounds = (*state.rounds[:-1], _with_form(fitter, state, general))
             causes = (*state.causes[:-1], (general, (general,)))
-            state = _reestimated(fitter, replace(state, rounds=rounds, causes=causes, final=general.fit))
+            state = _with_latest_noise(fitter, replace(state, rounds=rounds, causes=causes, final=general.fit))
             continue
         state = replace(state, rounds=(*state.rounds, outcome))
         if cause is None:
             break
         causes = (*state.causes, (cause, outcome.rivals))
-        state = _reestimated(fitter, replace(state, final=cause.fit, causes=causes))
+        state = _with_latest_noise(fitter, replace(state, final=cause.fit, causes=causes))
+        foresee_rivals(fitter, float(any(len(rivals) > 1 for _, rivals in state.causes)))
     return state
+
+
+def _with_latest_noise(fitter: Fitter, state: StepwiseState) -> StepwiseState:
+    """Return a state with its noise re-estimated; as it is, but for what is untried, where the budget ends that."""
+    latest = fitter.attempt(partial(_reestimated, fitter, state))
+    if latest is not None:
+        return latest
+    names = dict.fromkeys(suspect.name for suspect in _compared_again(state) if suspect.name not in state.names)
+    round_so_far = replace(state.rounds[-1], untried=(*state.rounds[-1].untried, *names))
+    return replace(state, rounds=(*state.rounds[:-1], round_so_far))
 
 
 def _round(
@@ -121,10 +149,10 @@ def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     if not rivals:
         fitter.evidence = old
         return state
-    for key, known in state.known.items():
-        state.known[key] = replace(known, columns=evidence.carried(known.columns, old))
     chosen = simplest(rivals)
     final = fitter.with_derivatives(chosen.fit)
+    for key, known in state.known.items():
+        state.known[key] = replace(known, columns=evidence.carried(known.columns, old))
     cause = replace(chosen, fit=final), with_possible_causes(fitter.evidence, rivals, refitted)
     return replace(state, null=null, final=final, causes=(*state.causes[:-1], cause))
 
@@ -136,22 +164,27 @@ def _refitted_rivals(fitter: Fitter, base: Fit, state: StepwiseState) -> list[Re
 
     base : the model without them, in that noise
     """
-    cause, rivals = state.causes[-1]
     threshold = state.rounds[-1].threshold
-    known, least = {rival.name for rival in rivals}, CRITERIA.min_explained_share * cause.chi2_reduction
-    others = [s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and s.name not in known]
     refitted: list[Refitted] = []
 
     def fitted_again(suspect: Refitted, own: Fitter) -> Fit:
         bound = chi2_of_a_rival(refitted, base, threshold)
         return own.fit(suspect.fit.point, suspect.fit.candidates, rival=bound)
 
-    suspects = [*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)]
+    suspects = _compared_again(state)
     fits = fitter.in_turn([partial(fitted_again, suspect) for suspect in suspects])
     for suspect, fit in zip(suspects, fits, strict=True):
         if fit.names:
             refitted.append(suspect.refitted(fit, base.chi2 - fit.chi2))
     return refitted
+
+
+def _compared_again(state: StepwiseState) -> list[Refitted]:
+    """The last cause with its rivals, and the suspects of its round that explain about as much."""
+    cause, rivals = state.causes[-1]
+    known, least = {rival.name for rival in rivals}, CRITERIA.min_explained_share * cause.chi2_reduction
+    others = [s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and s.name not in known]
+    return [*rivals, *leading_variants(s for s in others if s.chi2_reduction >= least)]
 
 
 def _differs(one: Evidence, other: Evidence) -> bool:

@@ -225,21 +225,21 @@ def _cosine_with_model_error(
 def _of_blocks(fitter: Fitter, null: Fit, final: Fit, causes: Sequence[Refitted], seed: int, **rest: Any) -> Gain:
     """Fit both models to one half of every record and compare them on the other, and the other way round.
 
-    Where the budget is spent before the second half, nothing is compared.
+    Where the budget does not suffice for both halves, nothing is compared.
     """
     candidates = tuple(cause.candidate for cause in causes)
     sizes = {name: final.value(name) for c in candidates for name in c.free}
 
-    def fitted(half: int, own: Fitter) -> tuple[Fit, Fit]:
+    def fitted(half: int, own: Fitter) -> tuple[Fit, Fit] | None:
         halved = own.on(Evidence(tuple(_half(part, half) for part in own.evidence.parts)))
-        return halved.fit(null.point), halved.fit(final.point, candidates, sizes)
+        return own.attempt(lambda: (halved.fit(null.point), halved.fit(final.point, candidates, sizes)))
 
     parts = []
     with closing(fitter.in_turn([partial(fitted, 0), partial(fitted, 1)])) as pairs:
         for half in range(2):
-            if fitter.effort.spent:
-                return Gain(BLOCKS, (), np.nan, np.nan, (np.nan, np.nan), **rest)
             fits = next(pairs)
+            if fits is None:
+                return Gain(BLOCKS, (), np.nan, np.nan, (np.nan, np.nan), **rest)
             for part in (_half(part, 1 - half) for part in fitter.evidence.parts):
                 before, after = (fit.point.simulated[part.name] for fit in fits)
                 parts.append((part, before, after))

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.diagnosis.bench import Run, SimulatedRows, simulated
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.effort import Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.noise import STATED
@@ -27,7 +28,7 @@ class Gate:
 
     Attributes
     ----------
-    name : "simulation", "kind of motion", "noise", or that of a numerical effect
+    name : "simulation", "kind of motion", "noise", "budget", or that of a numerical effect
     passed : whether it holds
     summary : in a sentence
     z : of a numerical effect, None of the others
@@ -134,6 +135,12 @@ def above_noise(evidence: Evidence, fit: Fit) -> Gate:
         f"{text}: the motion changes from cycle to cycle, or the stated uncertainty is too large; record a steady "
         "motion, or correct the stated uncertainty",
     )
+
+
+def budget_suffices(effort: Effort, before: str) -> Gate:
+    """The gate of a budget that was spent before something, as a clause, without which nothing can be concluded."""
+    foreseen = f" of about {effort.foreseen} that are foreseen" if effort.foreseen > effort.done else ""
+    return Gate("budget", False, f"it was spent before {before}, after {effort.done} simulations{foreseen}")
 
 
 def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float) -> list[Gate]:

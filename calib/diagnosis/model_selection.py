@@ -1,12 +1,14 @@
 """Stepwise selection of causes: forward, each beside the others, and in pairs."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.compromise import may_be_compromise, with_best_pair, with_pair_beside
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.foresight import foresee_conclusion, foresee_pairs
 from calib.diagnosis.forward import forward
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.replacement import replaced
@@ -26,16 +28,24 @@ def select(
     Causes that explain little beside the remainder are eliminated, and those of several sizes: such a one may stand for
     two, and the best pair is tried in its place. Where the causes leave more than noise, one of them may be a
     compromise between two: then the best pair is tried in their place.
+
+    Raises
+    ------
+    BudgetSpent : before all candidates are scored beside the calibrated model
     """
-    state = forward(fitter, _recalibrated(fitter, null), candidates, seed, on_stage)
+    null = fitter.attempt(partial(_recalibrated, fitter, null)) or null
+    state = forward(fitter, null, candidates, seed, on_stage)
     state = _searched_again(fitter, state, candidates, seed)
     stand_ins = sorted(state.stand_ins - {*state.names})
-    if stand_ins and not fitter.effort.spent:
+    if stand_ins and fitter.effort.suffices():
         on_stage("pairs")
-        state = with_pair_beside(fitter, state, stand_ins, candidates, seed) or state
-    if may_be_compromise(fitter, state, candidates) and not fitter.effort.spent:
+        foresee_pairs(fitter, candidates)
+        state = fitter.attempt(partial(with_pair_beside, fitter, state, stand_ins, candidates, seed)) or state
+    if may_be_compromise(fitter, state, candidates) and fitter.effort.suffices():
         on_stage("pairs")
-        state = with_best_pair(fitter, state, candidates, seed)
+        foresee_pairs(fitter, candidates if state.causes else [])
+        state = fitter.attempt(partial(with_best_pair, fitter, state, candidates, seed)) or state
+    foresee_conclusion(fitter)
     return as_selection(fitter, through_elimination(fitter, state))
 
 
@@ -62,10 +72,11 @@ def _searched_again(fitter: Fitter, state: StepwiseState, candidates: Sequence[C
     for repetition in range(CRITERIA.max_causes):
         before, state = state.names, through_elimination(fitter, state)
         last_too = state.names != before[: len(state.names)]
-        if fitter.effort.spent or not (last_too or (len(state.causes) > 1 and not repetition)):
+        if not (last_too or (len(state.causes) > 1 and not repetition)):
             break
-        causes, final = replaced(
-            fitter, state.null, state.causes, state.final, candidates, seed, state.known, last_too=last_too
-        )
-        state = state.with_causes(causes, final, "each was searched for again beside the others")
+        known = state.causes, state.final, candidates, seed, state.known, last_too
+        again = fitter.attempt(partial(replaced, fitter, state.null, *known))
+        if again is None:
+            break
+        state = state.with_causes(*again, "each was searched for again beside the others")
     return through_elimination(fitter, state)

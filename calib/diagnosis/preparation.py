@@ -12,6 +12,7 @@ from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence, clocks_differ, pairs_compared
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.foresight import foresee_scores, foresee_search
 from calib.diagnosis.gates import Gate, above_noise, fine_enough, noise_known, same_kind, simulates
 from calib.diagnosis.gathering import cycle_of, gathered
 from calib.diagnosis.noise import RESIDUAL, Remainder
@@ -27,7 +28,6 @@ from calib.objective import Objective, Reference
 from calib.study import CalibrationStudy, Pool
 
 OUTLIERS, QUANTISATION = "outliers", "quantisation"  # faults of the records themselves
-EXPECTED_FITS = 4  # of the calibrated model and of a few candidates, before the first score tests  [count]
 
 
 @dataclass(frozen=True)
@@ -100,14 +100,17 @@ def prepared(
     suspects, refused = candidates(study.model, effects, references, study.space.names)
     fitter = Fitter(pool, evidence, study.space, study.model)
     on_stage("calibrated model")
-    fitter.effort.foresee(fitter.expected_simulations(_expected_scores(evidence, suspects), EXPECTED_FITS))
+    foresee_search(fitter, None, 0, suspects)
+    fitter.effort.foresee(fitter.expected_simulations(_expected_scores(evidence, suspects), 1))
     null = _fitted_beside_clocks(fitter, fitter.fit(Point(values, (), views)))
+    foresee_search(fitter, null, 0, suspects)
     masks, share = _outliers(fitter, null, effects)
     if masks is not None:
         null, gates[-1] = _regathered(fitter, null, bench, records, None, masks)
     if _is_noise_undetermined(fitter.evidence, null):
         # those that generalise others change the records similarly, and would leave the noise no more
         explaining = [c for c in suspects if c.effect.differentiable and not c.effect.generalises]
+        foresee_scores(fitter, [*explaining, *suspects])
         slopes = fitter.candidate_slopes(null, explaining)
         columns = [slope.column for own in slopes for slope in own if slope.column is not None]
         left = remainder(fitter.evidence, null, columns)

@@ -1,6 +1,7 @@
 """Fits of models to the evidence with all their parameters, by the method of Gauss and Newton."""
 
 from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -12,7 +13,7 @@ from scipy.optimize import lsq_linear
 from calib.confidence.local import MAX_EDGE_DISTANCE
 from calib.diagnosis.bench import Run, SimulatedRows, Start, simulated
 from calib.diagnosis.candidate import Candidate
-from calib.diagnosis.effort import Effort
+from calib.diagnosis.effort import SCORE, Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection
@@ -90,6 +91,24 @@ class Fitter:
         fitter = copy(self)
         fitter.pool, fitter.steps = pool, dict(self.steps)
         task(fitter)
+
+    def attempt(self, step: Callable[[], T | None]) -> T | None:
+        """Result of a step of the search; None where the budget ends it: then it is as if it had not begun."""
+        if self.pool is not self.effort:  # ahead of its turn no budget counts
+            return step()
+        evidence = self.evidence
+        result = self.effort.attempt(step)
+        self.evidence = evidence if result is None else self.evidence
+        return result
+
+    def measuring(self, kind: str, count: float = 1.0) -> AbstractContextManager[None]:
+        """Measure the simulations of steps of a kind, but for what is run ahead."""
+        return self.effort.measuring(kind, count) if self.pool is self.effort else nullcontext()
+
+    def foresee(self, kind: str, count: float) -> None:
+        """Foresee so many steps of a kind in this stage, but for what is run ahead."""
+        if self.pool is self.effort:
+            self.effort.foresee(self.effort.expected(kind, count))
 
     def on(self, evidence: Evidence) -> "Fitter":
         """Return a fitter of the same model to other evidence."""
@@ -328,7 +347,8 @@ class Fitter:
             return slopes(pool, self.evidence, base.point, directions, absorbed=base.projection.basis)
 
         each = [partial(taken, [candidate]) for candidate in candidates]
-        with self.effort.pool.expecting(each if self.pool is self.effort else []):
+        parameters = sum(len(candidate.parameters) for candidate in candidates)
+        with self.effort.pool.expecting(each if self.pool is self.effort else []), self.measuring(SCORE, parameters):
             together = iter(taken(candidates, self.pool))
         return [[next(together) for _ in candidate.parameters] for candidate in candidates]
 

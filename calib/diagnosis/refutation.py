@@ -34,26 +34,50 @@ def revised_by_records(
     causes are tried: none is preferred with which that of the same records rises too. Where no rival is better, one of
     two causes that differs may stand for two: the best pair is tried in its place. Otherwise it, or the weakest one, is
     left out if the others explain enough without it. At last a pair is tried that only records held out reveal.
+    Where the budget does not suffice for one of these steps, it is left out, and the selection is cut short.
     """
     selection, gain = _with_gain(fitter, bench, selection, seed)
     exchanged_by_records = _exchanged_by_records(fitter, bench, selection, gain, seed)
     tried = _parted(fitter, bench, *exchanged_by_records, candidates, seed)
-    while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried) and not fitter.effort.spent:
-        fewer = left_out(fitter, tried[0], *_least_tenable(tried[0]))
+    while len(tried[0].causes) > 1 and tried[0].is_explained and not _stands(*tried):
+        fewer = fitter.attempt(partial(_without_the_least_tenable, fitter, bench, tried[0], seed))
         if fewer is None:
             break
-        tried = _with_gain(fitter, bench, fewer, seed)
+        tried = fewer
     alone = len(tried[0].causes) == 1 and tried[0].is_explained
-    if alone and not _stands_in_each_record(*tried) and not fitter.effort.spent:
-        pair = paired(fitter, tried[0], candidates, seed)
-        outcome = tried if pair is None else _with_gain(fitter, bench, pair, seed)
+    if alone and not _stands_in_each_record(*tried):
+        outcome = fitter.attempt(partial(_paired, fitter, bench, tried[0], candidates, seed)) or tried
         tried = outcome if _stands_in_each_record(*outcome) or (_stands(*outcome) and not _stands(*tried)) else tried
-    if not _stands(*tried) and len(tried[0].causes) == 1 and not fitter.effort.spent:
-        revealed = with_second_cause(fitter, *tried, partial(_with_gain, fitter, bench, seed=seed))
-        return exchanged_by_records if revealed is None else revealed
+    revealed = None
+    if not _stands(*tried) and len(tried[0].causes) == 1:
+        tested = partial(_with_gain, fitter, bench, seed=seed)
+        revealed = fitter.attempt(partial(with_second_cause, fitter, *tried, tested))
     if not _stands(*tried):
-        return exchanged_by_records
-    return _with_rivals_that_stand(fitter, bench, *tried, seed)
+        return _cut_short(fitter, *(revealed or exchanged_by_records))
+    return _cut_short(fitter, *_with_rivals_that_stand(fitter, bench, *tried, seed))
+
+
+def _cut_short(fitter: Fitter, selection: Selection, gain: Gain) -> tuple[Selection, Gain]:
+    """Return a selection that is cut short where steps were left out for the budget, not only the gain on blocks."""
+    if fitter.effort.spent and not gain.omitted:
+        selection = replace(selection, cut_short=True)
+    return selection, gain
+
+
+def _without_the_least_tenable(
+    fitter: Fitter, bench: Bench, selection: Selection, seed: int
+) -> tuple[Selection, Gain] | None:
+    """Leave out the least tenable cause, and test the others; None where they do not explain enough without it."""
+    fewer = left_out(fitter, selection, *_least_tenable(selection))
+    return None if fewer is None else _with_gain(fitter, bench, fewer, seed)
+
+
+def _paired(
+    fitter: Fitter, bench: Bench, selection: Selection, candidates: Sequence[Candidate], seed: int
+) -> tuple[Selection, Gain] | None:
+    """Put the best pair in the place of the causes, and test it; None where it explains no more."""
+    pair = paired(fitter, selection, candidates, seed)
+    return None if pair is None else _with_gain(fitter, bench, pair, seed)
 
 
 def _parted(
@@ -61,11 +85,13 @@ def _parted(
 ) -> tuple[Selection, Gain]:
     """Put the best pair in the place of one of two causes whose size differs, where all causes stand then."""
     differing = {one.effect for one in selection.heterogeneous} if len(selection.causes) > 1 else set()
-    for cause in selection.causes:
-        if cause.name not in differing or fitter.effort.spent:
-            continue
+
+    def tested(cause: Refitted) -> tuple[Selection, Gain] | None:
         several = parted(fitter, selection, cause, candidates, seed)
-        outcome = None if several is None else _with_gain(fitter, bench, several, seed)
+        return None if several is None else _with_gain(fitter, bench, several, seed)
+
+    for cause in [cause for cause in selection.causes if cause.name in differing]:
+        outcome = fitter.attempt(partial(tested, cause))
         if outcome and _stands(*outcome):
             return outcome
     return selection, gain
@@ -96,8 +122,8 @@ def _with_rivals_that_stand(
         others = [rival for rival in rivals if rival.name != cause.name]
         with closing(_in_its_place(fitter, bench, selection, cause, others, "as a rival", seed)) as outcomes:
             for rival in others:
-                if fitter.effort.spent:
-                    return replace(selection, cut_short=True), gain
+                if not fitter.effort.suffices():
+                    return selection, gain
                 outcome = next(outcomes)
                 if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
                     tenable.append(rival)
@@ -139,8 +165,8 @@ def _exchanged_by_records(
         others = [rival for rival in rivals if rival.name != cause.name]
         with closing(_in_its_place(fitter, bench, selection, cause, others, reason, seed)) as outcomes:
             for rival in others:
-                if fitter.effort.spent:
-                    return replace(selection, cut_short=True), gain
+                if not fitter.effort.suffices():
+                    return selection, gain
                 outcome = next(outcomes)
                 if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
                     better.append((rival, outcome))
@@ -169,7 +195,10 @@ def _in_its_place(
         other = exchanged(own, selection, cause, rival, reason)
         return None if other is None else _with_gain(own, bench, other, seed)
 
-    return fitter.in_turn([partial(tested, rival) for rival in rivals])
+    def attempted(rival: Refitted, own: Fitter) -> tuple[Selection, Gain] | None:
+        return own.attempt(partial(tested, rival, own))
+
+    return fitter.in_turn([partial(attempted, rival) for rival in rivals])
 
 
 def _holds(rival: Refitted, outcome: tuple[Selection, Gain], gain: Gain, differing: float | None) -> bool:

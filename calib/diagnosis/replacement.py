@@ -11,8 +11,10 @@ from scipy import stats
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.effort import PAIR
 from calib.diagnosis.excess import chi2_std, excess_chi2
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.foresight import foresee_replacement
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection
 from calib.diagnosis.screening import KnownDerivatives
@@ -41,9 +43,10 @@ def replaced(
     or in any case.
     """
     pairs, again, latest = list(causes), last_too, causes[-1][0]
-    for cause, rivals in causes:
+    for number, (cause, rivals) in enumerate(causes):
         if cause is latest and not again:
             break
+        foresee_replacement(fitter, len(causes) - number - (0.0 if again else 0.5), candidates)
         index = [c is cause for c, _ in pairs].index(True)
         unchanged: Cause = cause, rivals if cause is latest else (cause,)
         others = tuple(c.candidate for c, _ in pairs if c is not cause)
@@ -139,10 +142,10 @@ def best_pair(
         return _fitted_pair(own, null, about, pair, beside, np.inf if best is None else best[1].chi2)
 
     with closing(fitter.in_turn([partial(fitted, pair) for pair in different])) as fits:
-        for pair in different:
-            if best is not None and fitter.effort.spent:
-                break
-            fit = next(fits)
+        for number, pair in enumerate(different):
+            fitter.foresee(PAIR, len(different) - number)
+            with fitter.measuring(PAIR):
+                fit = next(fits)
             refitted = [suspect.refitted(fit, null.chi2 - fit.chi2) for suspect in pair] if fit.names else []
             pairs: list[Cause] = [(cause, (cause,)) for cause in refitted]
             if pairs and (best is None or aic(pairs, fit) < aic(*best)):

@@ -9,9 +9,11 @@ import numpy as np
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.effort import SEARCH, SUSPECT, BudgetSpent
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import chi2_std, degrees_of_freedom, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.foresight import SHARE_OF_RIVALS, foresee_rivals, foresee_suspects
 from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rivals import not_refuted, rival_suspects, simplest, special_cases, with_possible_causes
@@ -81,13 +83,34 @@ def search(
         are tried where it is significant, or where others are above the threshold
     known : derivatives of candidates from an earlier search; those that are computed here are added
     attained : chi-square that one of the candidates is known to attain
+
+    Raises
+    ------
+    BudgetSpent : before all candidates are scored
     """
-    suspects, threshold = _rescored(fitter, base, candidates, seed, known)
+    scored = fitter.attempt(partial(_rescored, fitter, base, candidates, seed, known))
+    if scored is None:
+        raise BudgetSpent
+    with fitter.measuring(SEARCH):
+        return _chosen(fitter, base, *scored, seed, excess_std, attained)
+
+
+def _chosen(
+    fitter: Fitter,
+    base: Fit,
+    suspects: Sequence[Screened],
+    threshold: float,
+    seed: int,
+    excess_std: float,
+    attained: float,
+) -> Round:
+    """Refit the leaders of scored suspects, and choose the one that explains most."""
     significant = _significant(suspects, threshold)
     leaders = _leaders(suspects, significant, excess_std)
-    refitted, untried = _refits(fitter, base, leaders, len(significant), threshold, attained)
+    further = _foresee_refits(fitter, base, leaders, significant)
+    refitted, untried = _refits(fitter, base, leaders, further, threshold, attained)
     similar = [s for s in _similar_to_the_best(significant, refitted) if s.name not in untried]
-    refitted, more = _refits(fitter, base, similar, len(significant), threshold, attained, refitted)
+    refitted, more = _refits(fitter, base, similar, 0, threshold, attained, refitted)
     untried = (*untried, *more)
     if not base.candidates and fitter.is_at_an_edge(base) and _leaves_dominant_misfit(fitter.evidence, base, refitted):
         refitted, more = _refits_from_the_middle(fitter, base, suspects, seed, threshold, attained, refitted)
@@ -105,9 +128,11 @@ def search(
     latest = {id(s.candidate): s for s in refitted}
     if rivals:  # indistinguishable suspects and what they contain are compared again, each with its best-fitting form
         again = [*rivals, *special_cases(rivals, possible, suspects)]
-        formed = list(
-            fitter.in_turn([partial(with_fitted_form, suspect=s, before=before, common=common) for s in again])
-        )
+
+        def fitted_form(suspect: Refitted, own: Fitter) -> Refitted:
+            return own.attempt(partial(with_fitted_form, own, suspect, before, common)) or suspect
+
+        formed = list(fitter.in_turn([partial(fitted_form, suspect) for suspect in again]))
         own, special = formed[: len(rivals)], formed[len(rivals) :]
         kept = [*own, *not_refuted(fitter.evidence, own, special)]
         latest |= {id(s.candidate): other for s, other in zip(again, formed, strict=True) if other in kept}
@@ -155,6 +180,17 @@ def _leaders(suspects: Sequence[Screened], significant: Sequence[Scored], excess
     return leaders
 
 
+def _foresee_refits(fitter: Fitter, base: Fit, leaders: Sequence[Screened], significant: Sequence[Scored]) -> int:
+    """Foresee the refits of the leaders, and of others similar to the first; return the number of the latter."""
+    names = {leader.name for leader in leaders}
+    similar = [s.name for s in leading_variants(significant) if leaders and _changes_similarly(s, leaders[0])]
+    further = min(CRITERIA.max_refits, len({*similar} - names))
+    foresee_suspects(fitter, base, len(leaders) + further)
+    if not base.candidates:
+        foresee_rivals(fitter, SHARE_OF_RIVALS if len(similar) > 1 else 0.0)
+    return further
+
+
 def _similar_to_the_best(significant: Sequence[Scored], refitted: Sequence[Refitted]) -> list[Scored]:
     """Suspects that were not refitted, and change the records similarly to the one that explains most.
 
@@ -168,7 +204,12 @@ def _similar_to_the_best(significant: Sequence[Scored], refitted: Sequence[Refit
 def _is_similar_to_the_best(suspect: Suspect, refitted: Sequence[Refitted]) -> bool:
     """Whether a suspect changes the records similarly to the refitted one that explains most."""
     best = min(refitted, key=lambda s: s.fit.chi2, default=None)
-    return best is not None and (cosine(suspect, best) or 0.0) >= CRITERIA.min_signature_cosine
+    return best is not None and _changes_similarly(suspect, best)
+
+
+def _changes_similarly(one: Suspect, other: Suspect) -> bool:
+    """Whether two suspects change the records similarly."""
+    return (cosine(one, other) or 0.0) >= CRITERIA.min_signature_cosine
 
 
 # --- refits -----------------------------------------------------------------------------------------------------------
@@ -178,7 +219,7 @@ def _refits(
     fitter: Fitter,
     base: Fit,
     leaders: Sequence[Screened],
-    significant: int,
+    further: int,
     threshold: float,
     attained: float,
     before: Sequence[Refitted] = (),
@@ -188,7 +229,7 @@ def _refits(
     A fit that is predicted to attain less than the best is abandoned, but not that of a suspect that changes the
     records similarly to the best: the error of the prediction then exceeds the final difference of the two.
 
-    significant : number of suspects above the threshold
+    further : number of suspects that may be refitted after these
     attained : chi-square that one of the candidates is known to attain
     """
     refitted, untried = list(before), []
@@ -196,18 +237,17 @@ def _refits(
     def fitted_below(suspect: Screened, own: Fitter) -> Refitted | None:
         bound = chi2_of_a_rival(refitted, base, threshold, attained)
         rival = np.inf if _is_similar_to_the_best(suspect, refitted) else bound
-        return _refitted(own, base, suspect, threshold, rival)
+        return own.attempt(partial(_refitted, own, base, suspect, threshold, rival))
 
     with closing(fitter.in_turn([partial(fitted_below, suspect) for suspect in leaders])) as results:
         for number, suspect in enumerate(leaders):
-            fits = 2 * len(leaders) - number  # another search may follow
-            fitter.effort.foresee(fitter.expected_simulations(significant, fits))
-            if (number or refitted) and fitter.effort.spent:
-                untried.append(suspect.name)
-                continue
-            fitted = next(results)
+            fitter.foresee(SUSPECT, len(leaders) - number + further)
+            with fitter.measuring(SUSPECT):
+                fitted = next(results) if fitter.effort.suffices() else None
             if fitted is not None:
                 refitted.append(fitted)
+            elif fitter.effort.spent:
+                untried.append(suspect.name)
     return refitted, tuple(dict.fromkeys(untried))
 
 
@@ -235,31 +275,38 @@ def _refits_from_the_middle(
     suspects : scored on the residual of `base`
     attained : chi-square that one of the candidates is known to attain
     """
-    middle = None if fitter.effort.spent else fitter.in_the_middle(base)
-    if middle is None:
+    scored_there = fitter.attempt(partial(_scored_in_the_middle, fitter, base, suspects, seed))
+    if scored_there is None:
         return list(refitted), ()
+    middle, at_middle = scored_there
     scored, latest = {id(s.candidate): s for s in suspects}, {id(s.candidate): s for s in refitted}
-    at_middle, _ = screened(fitter, middle, [s.candidate for s in suspects], seed)
     leaders = leading_variants(s for s in at_middle if is_testable(s) and scored[id(s.candidate)].is_testable)
-    fitter.effort.foresee(fitter.expected_simulations(0, len(leaders)))
+    fitter.foresee(SUSPECT, len(leaders))
     untried = []
 
-    def fitted_below(suspect: Scored, own: Fitter) -> Fit:
+    def fitted_below(suspect: Scored, own: Fitter) -> Fit | None:
         known, candidate = list(latest.values()), suspect.candidate
         similar = _is_similar_to_the_best(scored[id(candidate)], known)
         bound = np.inf if similar else chi2_of_a_rival(known, base, threshold, attained)
         columns = np.column_stack([middle.columns, suspect.derivatives])
-        return own.fit(middle.point, (candidate,), candidate.absent(), columns, bound)
+        return own.attempt(partial(own.fit, middle.point, (candidate,), candidate.absent(), columns, bound))
 
     with closing(fitter.in_turn([partial(fitted_below, suspect) for suspect in leaders])) as fits:
         for suspect in leaders:
-            if fitter.effort.spent:
+            fit, key = next(fits) if fitter.effort.suffices() else None, id(suspect.candidate)
+            if fit is None:
                 untried.append(suspect.name)
-                continue
-            fit, key = next(fits), id(suspect.candidate)
-            if fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
+            elif fit.names and fit.chi2 < (latest[key].fit if key in latest else base).chi2:
                 latest[key] = scored[key].refitted(fit, base.chi2 - fit.chi2)
     return list(latest.values()), tuple(untried)
+
+
+def _scored_in_the_middle(
+    fitter: Fitter, base: Fit, suspects: Sequence[Screened], seed: int
+) -> tuple[Fit, list[Screened]] | None:
+    """The model in the middle of its windows, and suspects scored on its residual; None where it fails there."""
+    middle = fitter.in_the_middle(base)
+    return None if middle is None else (middle, screened(fitter, middle, [s.candidate for s in suspects], seed)[0])
 
 
 def chi2_of_a_rival(refitted: Sequence[Refitted], base: Fit, threshold: float, attained: float = np.inf) -> float:

@@ -148,11 +148,9 @@ def _those_that_stand(
     pairs: Sequence[tuple[Refitted, Refitted]],
     tested: Callable[[Selection], Outcome],
 ) -> list[_Pair]:
-    """Pairs that leave noise alone in all records, with one size of each; as far as the budget suffices."""
+    """Pairs that leave noise alone in all records, with one size of each."""
     standing = []
     for pair in pairs:
-        if fitter.effort.spent:
-            break
         fit = _fitted_between(fitter, selection.null, *pair)
         if not fit.names:
             continue

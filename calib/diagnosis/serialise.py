@@ -88,7 +88,7 @@ def diagnosis_result(diagnosis: Diagnosis, values: Mapping[str, float]) -> Diagn
         measurements=measurements,
         design=None if design is None else design_result(design),
         threshold=None if first is None else first.threshold,
-        cut_short=selection is not None and selection.cut_short,
+        cut_short=diagnosis.cut_short if selection is None else selection.cut_short,
         simulations=diagnosis.simulations,
         seconds=diagnosis.seconds,
         values=values,

@@ -47,8 +47,8 @@ def diagnose_study(
     apply : write study.extended.toml beside the study, where an effect is named
     on_stage : called with what is being done
     on_progress : called with the simulations that are done, and those that are foreseen in all
-    budget : a number of simulations, or a time such as "10 min", after which no further fit and no search of a next
-        measurement begins; None: any
+    budget : a number of simulations, or a time such as "10 min", within which the search ends, be it in the middle of
+        a fit, so that what concludes it still runs; None: any
     candidates : effects that may be the cause, as [diagnosis] candidates has them; None: the study's
     pool : keys of a [pool] table that takes the place of the file's
 

@@ -387,7 +387,7 @@ class Calibration:
         ----------
         candidates : effects that may be the cause, in the place of the study's `diagnosis` candidates: "all", or by
             name ("all" among them), as {"name": ..., "bodies": [...]}, "package.module:THING" or `calib.Effect`
-        budget : a number of simulations, or a time such as "10 min", after which no fit or search begins
+        budget : a number of simulations, or a time such as "10 min", within which the diagnosis ends
         seed : of the noise that is drawn; None: the study's
         jobs, pool, quiet : as in `Study.run`
 

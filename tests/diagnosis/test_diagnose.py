@@ -417,7 +417,7 @@ def test_a_suspect_that_does_not_predict_is_not_named_as_half_of_a_pair(seed):
 
 
 def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(gross):
-    short = diagnosed(changing(3e6, 1e-4, 5e-4), budget="20")
+    short = diagnosed(changing(3e6, 1e-4, 5e-4), budget="120")
     assert short.selection.cut_short
     assert len(short.selection.rounds) == 1
     assert short.simulations < gross.simulations
@@ -429,7 +429,7 @@ def test_a_budget_that_is_spent_ends_the_search_and_what_was_not_tried_is_said(g
 def test_where_the_budget_is_spent_no_fit_is_made_for_the_gain_and_that_is_said():
     known = {n: r for n, r in references(["cubic_stiffness"], k3=3e5).items() if r.use != "holdout"}
     stages = []
-    long, short = diagnosed(known), diagnosed(known, budget="20", on_stage=stages.append)
+    long, short = diagnosed(known), diagnosed(known, budget="110", on_stage=stages.append)
     assert long.gain.proven
     assert short.gain.omitted
     assert short.simulations < long.simulations - 40
@@ -439,7 +439,34 @@ def test_where_the_budget_is_spent_no_fit_is_made_for_the_gain_and_that_is_said(
     assert as_dict(short)["gain"]["before"] is None
 
 
-@pytest.mark.parametrize("budget", [None, "60"])
+@pytest.mark.parametrize(
+    ("budget", "before"), [(20, "the calibrated model was fitted"), (60, "all candidates were tested")]
+)
+def test_a_budget_too_small_for_any_conclusion_is_kept_and_the_one_that_is_foreseen_is_said(gross, budget, before):
+    short = diagnosed(changing(3e6, 1e-4, 5e-4), budget=str(budget))
+    assert (short.verdict, short.cut_short, short.gates[-1].name) == ("not_diagnosable", True, "budget")
+    assert short.simulations <= budget
+    assert short.summary.startswith(f"budget: it was spent before {before}, after ")
+    assert as_dict(short)["cut_short"]
+
+
+def test_where_no_suspect_could_be_fitted_within_the_budget_they_are_named():
+    known = {n: r for n, r in references(["cubic_stiffness"], k3=3e5).items() if r.use != "holdout"}
+    short = diagnosed(known, budget="80")
+    assert (short.verdict, short.selection.rounds[0].untried) == ("not_diagnosable", ("cubic_stiffness",))
+    assert short.summary.startswith("budget: it was spent before cubic_stiffness could be fitted, after ")
+    assert short.summary.endswith(" simulations")
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.8])
+def test_a_budget_is_kept(gross, share):
+    budget = round(share * gross.simulations)
+    short = diagnosed(changing(3e6, 1e-4, 5e-4), budget=str(budget))
+    assert short.cut_short
+    assert 0.7 * budget < short.simulations <= 1.1 * budget
+
+
+@pytest.mark.parametrize("budget", [None, "240"])
 def test_nothing_depends_on_the_number_of_processes(gross, budget):
     """What is run ahead counts neither in the result nor in the budget, which is asked for between the same fits."""
     known = changing(3e6, 1e-4, 5e-4)
@@ -457,6 +484,16 @@ def test_the_number_of_simulations_is_foreseen_to_a_factor_of_two(cubic):
     begun = [foreseen for done, foreseen in heard if 0.1 < done / found.simulations < 0.9]
     assert min(begun) / found.simulations > 0.5
     assert max(begun) / found.simulations < 2.0
+
+
+def test_the_number_of_simulations_of_a_search_in_pairs_is_foreseen_to_a_factor_of_two(gross):
+    heard, stages = [], []
+    known = changing(3e6, 1e-4, 5e-4)
+    diagnosed(known, on_progress=lambda *state: heard.append(state), on_stage=stages.append)
+    assert "pairs" in stages
+    begun = [foreseen for done, foreseen in heard if done > 0.25 * gross.simulations]
+    assert min(begun) / gross.simulations > 0.5
+    assert max(begun) / gross.simulations < 2.0
 
 
 @pytest.mark.slow

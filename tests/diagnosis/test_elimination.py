@@ -21,7 +21,7 @@ class Linear:
 
     def __init__(self, own, remaining, spent=False, unreliable=0.0):
         self.own, self.remaining, self.unreliable = own, remaining, unreliable
-        self.effort = SimpleNamespace(spent=spent)
+        self.attempt = lambda step: None if spent else step()
         self.reliable = SimpleNamespace(counted=lambda: float(SAMPLES))
         self.evidence = SimpleNamespace(with_weights=lambda simulated: self.reliable)
 

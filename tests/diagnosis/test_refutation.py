@@ -9,7 +9,7 @@ from calib.diagnosis.constancy import RECORDS, Constancy
 from calib.diagnosis.refutation import revised_by_records
 
 KNOWN, VAGUE, ELSEWHERE = (0.1, ("one", "two")), (0.5, ("one", "two")), (0.1, ("one", "three"))
-FITTER = InTurn(effort=SimpleNamespace(spent=False))
+FITTER = InTurn(effort=SimpleNamespace(suffices=lambda: True, spent=False))
 
 
 @pytest.mark.parametrize(

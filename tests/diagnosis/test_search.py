@@ -121,8 +121,7 @@ def test_the_fit_of_what_is_much_similar_to_the_best_is_not_given_up(monkeypatch
         return SimpleNamespace(**vars(suspect), fit=SimpleNamespace(chi2=9.0 if suspect.name == "other" else 5.0))
 
     monkeypatch.setattr("calib.diagnosis.search._refitted", refitted)
-    effort = SimpleNamespace(foresee=lambda count: None, spent=False)
-    fitter = InTurn(effort=effort, expected_simulations=lambda scored, fits: 0)
+    fitter = InTurn(effort=SimpleNamespace(suffices=lambda: True, spent=False))
     leaders = [scored("gap", 90.0, 0.0), scored("other", 80.0, 40.0), scored("zero", 70.0, 1.0)]
     done, untried = _refits(fitter, SimpleNamespace(residual=np.ones(2)), leaders, 3, LIMIT, np.inf)
     assert ([s.name for s in done], untried) == (["gap", "other", "zero"], ())
@@ -156,14 +155,14 @@ def test_suspects_are_fitted_from_the_middle_of_the_windows_too_and_the_better_f
     before = [suspects[0].refitted(fit(100.0), 900.0), suspects[1].refitted(fit(150.0), 850.0)]
     monkeypatch.setattr("calib.diagnosis.search.screened", lambda *given: (suspects, 3.0))
     monkeypatch.setattr("calib.diagnosis.search.cosine", lambda *given: 0.0)
-    effort = SimpleNamespace(spent=False, foresee=lambda number: None)
+    effort = SimpleNamespace(suffices=lambda: True)
     fitter = InTurn(in_the_middle=lambda base: fit(5000.0), effort=effort, fit=fitted)
-    fitter.expected_simulations = lambda scored, fits: 100 * fits
     given = (fitter, base, suspects, 0, 3.0, np.inf, before)
     found, untried = _refits_from_the_middle(*given)
     assert {s.name: s.chi2_reduction for s in found} == {"drag": 980.0, "lag": 850.0, "friction": 950.0}
     assert untried == ()
-    effort.spent = True
+    fitter.attempt = lambda step: None  # where the budget is spent
     assert _refits_from_the_middle(*given) == (before, ())
-    effort.spent, fitter.in_the_middle = False, lambda base: None  # where it cannot be simulated
+    del fitter.attempt
+    fitter.in_the_middle = lambda base: None  # where it cannot be simulated
     assert _refits_from_the_middle(*given) == (before, ())

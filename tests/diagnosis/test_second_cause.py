@@ -8,7 +8,7 @@ from calib.diagnosis.joint_misfit import JointMisfit
 from calib.diagnosis.second_cause import with_second_cause
 
 STD = 100.0  # of the chi-square of noise
-FITTER = SimpleNamespace(effort=SimpleNamespace(spent=False))
+FITTER = SimpleNamespace()
 
 
 class Suspect:

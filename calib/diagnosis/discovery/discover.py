@@ -191,6 +191,7 @@ def _discovered(
     ready = prepared(pool, bench, study, values, suspected, on_stage)
     if isinstance(ready, NotDiagnosable):
         return Discovery(NOT_DIAGNOSABLE, failures(ready.gates), ready.gates)
+    pool.later.clear()  # no search for causes follows
     search = _ForceSearch(ready, forces, places, regions, references, study, effects, seed)
     return search.result(on_stage)
 
@@ -282,7 +283,7 @@ class _ForceSearch:
 
     def _within_budget(self, bodies: Sequence[str]) -> Iterator[str]:
         """Places for whose fits the budget suffices; the first fit of all counts with it anyway."""
-        return (body for body in bodies if not (self.trials and self.fitter.effort.spent))
+        return (body for body in bodies if not self.trials or self.fitter.effort.suffices())
 
     def _leaves_misfit(self, model: Fit | PenalisedFit) -> bool:
         """Whether a model leaves more than noise."""
@@ -322,7 +323,7 @@ class _ForceSearch:
         first = self._fitted(body, arguments[0], on_stage)
         noise = CRITERIA.significance_std * chi2_std(self.fitter.evidence)
         rival = np.inf if self._leaves_misfit(first.fitted) else first.chi2 + noise
-        if self.fitter.effort.spent:
+        if not self.fitter.effort.suffices():
             self.trials.append(first)
             return
         single = [first, self._fitted(body, arguments[1], on_stage, rival=rival)]
@@ -425,7 +426,7 @@ class _ForceSearch:
 
     def _beside_histories(self, found: Discovery, chosen: ForceTrial, on_stage: Callable[[str], None]) -> Discovery:
         """Compare laws with internal states with the force that was found."""
-        if self.fitter.effort.spent:
+        if not self.fitter.effort.suffices():
             return found
         trials = history_trials(self.fitter, self.null, chosen, self.effects, self.references, self.seed, on_stage)
         better = [trial for trial in trials if trial.surpasses(chosen, found.formula_trial)]

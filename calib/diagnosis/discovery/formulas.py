@@ -92,7 +92,7 @@ def formulas_of(
             shortest = min((t.formula.length for t in trials if t.fit.chi2 <= fitted.fit.chi2 + margin), default=None)
             length = selected.formula.length
             too_long = shortest is not None and length > shortest + MAX_EXCESS_LENGTH
-            if too_long or fitter.effort.spent:
+            if too_long or not fitter.effort.suffices():
                 break
             on_stage(f"{'simpler ' if round_number else ''}formula {number} of {len(chosen)}")
             best = min([fitted.fit.chi2, *(t.fit.chi2 for t in trials)])

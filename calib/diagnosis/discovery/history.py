@@ -114,7 +114,7 @@ def history_trials(
     rival = chi2_of_a_rival([], null, threshold, chosen.chi2)
     trials = []
     for suspect in leaders:
-        if fitter.effort.spent:
+        if not fitter.effort.suffices():
             break
         candidate = suspect.candidate
         formed, sizes = replace(candidate, form=tuple(candidate.bounds)), candidate.within_scale(_begin(suspect))

@@ -26,6 +26,7 @@ REMEDIES = {
     "noise": "record more samples, best three cycles of the motion or more, or state the noise in the record "
     "(displacement_sigma, velocity_sigma); of a frequency response put the sweeps of all levels into one record, or "
     "state the uncertainty of each point in a column BODY sigma",
+    "budget": "diagnose again with a larger --budget: the simulations are kept, and it goes on from them",
 }
 REFINE = (
     "make the simulator's step or tolerance finer in [model] and calibrate again: as it is, an error of the solver "
