@@ -21,7 +21,9 @@ from calib.cli.options import (
 
 
 @click.command(short_help="What the simulation gets wrong, which effect is missing, what it would bring.")
-@searching_for_a_cause(apply="Write study.extended.toml with the causes in the model.")
+@searching_for_a_cause(
+    apply="Write study.extended.toml with the causes in the model.", budget="within which the search ends"
+)
 @reporting_mistakes
 def diagnose(study: Path, **options: Any) -> None:
     """Say what the calibrated STUDY gets wrong, name the cause, and measure the gain, or say why no cause can be named.
@@ -44,7 +46,9 @@ def diagnose(study: Path, **options: Any) -> None:
 
 
 @click.command(short_help="The force that is missing: where it acts, as a function of what, and its formula.")
-@searching_for_a_cause(apply="Write the force as an effect file, and study.found.toml with it.")
+@searching_for_a_cause(
+    apply="Write the force as an effect file, and study.found.toml with it.", budget="after which no further fit begins"
+)
 @reporting_mistakes
 def discover(study: Path, **options: Any) -> None:
     """Find the force that the calibrated STUDY misses, as a free function of displacement, velocity or both.

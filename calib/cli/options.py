@@ -95,8 +95,12 @@ class CauseSearch:
         }
 
 
-def searching_for_a_cause(apply: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return the argument and the options of a command that takes a `CauseSearch`; apply : what --apply writes."""
+def searching_for_a_cause(apply: str, budget: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the argument and the options of a command that takes a `CauseSearch`.
+
+    apply : what --apply writes
+    budget : what --budget bounds, as the end of a sentence
+    """
     options = (
         STUDY,
         OUT,
@@ -104,7 +108,7 @@ def searching_for_a_cause(apply: str) -> Callable[[Callable[..., Any]], Callable
         JOBS,
         POOL,
         click.option("--seed", type=click.IntRange(min=0), help="Of the noise that is drawn. [default: the study's]"),
-        click.option("--budget", help="Simulations, or a time such as '10 min', within which the search ends."),
+        click.option("--budget", help=f"Simulations, or a time such as '10 min', {budget}."),
         click.option("--quiet", "-q", is_flag=True, help="No progress, no summary with its remarks; errors only."),
         JSON,
     )

@@ -12,7 +12,7 @@ from calib.diagnosis.effort import SETTINGS, Budget, BudgetSpent, Effort
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.foresight import NEXT_MEASUREMENT, foresee_rivals
 from calib.diagnosis.gain import Gain
-from calib.diagnosis.gates import Gate, above_noise, budget_suffices, converged, noise_known
+from calib.diagnosis.gates import Gate, above_noise, budget_too_small, converged, noise_known
 from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.model_selection import select
@@ -52,10 +52,10 @@ class Diagnosis:
     verdict : "none", "named", "one_of", "unexplained" or "not_diagnosable"
     summary : the verdict in a sentence
     gates : that were tested
-    selection : the search for causes; None where a gate failed
+    selection : the search for causes; None where a gate failed before it
     evidence : the records of calibration and naming; None where nothing could be simulated
     refused : effect -> why it was no candidate
-    misfit : of the calibrated model; None where a gate failed
+    misfit : of the calibrated model; None where a gate failed before the search
     outliers : share of the samples that were removed as such  [1]
     rounding : share of the noise of a channel that is due to its converter's steps, where that is a cause, else 0  [1]
     gain : on records held out; None without causes
@@ -164,7 +164,7 @@ def _diagnosed(
 ) -> Diagnosis:
     ready = pool.attempt(partial(prepared, pool, bench, study, values, effects, on_stage))
     if ready is None:
-        ready = NotDiagnosable((budget_suffices(pool, "the calibrated model was fitted"),))
+        ready = NotDiagnosable((budget_too_small(pool, "the fit of the calibrated model"),))
     if isinstance(ready, NotDiagnosable):
         return Diagnosis(NOT_DIAGNOSABLE, failures(ready.gates), ready.gates, simulations=pool.done)
     fitter = ready.fitter
@@ -174,18 +174,19 @@ def _diagnosed(
     try:
         selection = select(fitter, ready.null, ready.suspects, seed, on_stage)
     except BudgetSpent:
-        return _untested(pool, bench, ready, seed)
+        return _untested(pool, ready)
     ready, selection = _quantisation_or_causes(ready, selection)
     foresee_rivals(fitter, float(len(selection.rivals) > 1))
     gain, threshold = None, selection.rounds[0].threshold
     if selection.causes:
         on_stage("gain, without fits: the budget is spent" if pool.spent or pool.left < 1.0 else "gain")
+        pool.reserve = len(fitter.evidence.parts) * (len(numerical(effects)) + 1)  # the gain itself is made in any case
         selection, gain = revised_by_records(fitter, bench, selection, ready.suspects, seed)
     solver = converged(fitter, selection.final, numerical(effects), threshold, selection.margin)
     gates = (*_renewed(ready.gates, fitter, selection), *solver)
     unfitted = () if selection.causes else selection.rounds[0].untried
     if unfitted:
-        gates = (*gates, budget_suffices(pool, f"{joined(unfitted)} could be fitted"))
+        gates = (*gates, budget_too_small(pool, f"a fit of {joined(unfitted)}"))
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
     verdict, summary = verdict_of(selection, gates, ready, gain)
@@ -211,13 +212,13 @@ def _diagnosed(
     )
 
 
-def _untested(pool: Effort, bench: Bench, ready: Prepared, seed: int) -> Diagnosis:
+def _untested(pool: Effort, ready: Prepared) -> Diagnosis:
     """Diagnosis whose budget was spent before all candidates were tested."""
-    gates, evidence = (*ready.gates, budget_suffices(pool, "all candidates were tested")), ready.fitter.evidence
-    compared = misfit(pool, bench, evidence, ready.null, seed)
+    gates = (*ready.gates, budget_too_small(pool, "the score test of every candidate"))
     return Diagnosis(
-        NOT_DIAGNOSABLE, failures(gates), gates, None, evidence, ready.refused, compared, simulations=pool.done
-    )
+        NOT_DIAGNOSABLE, failures(gates), gates, evidence=ready.fitter.evidence, refused=ready.refused,
+        outliers=ready.outliers, rounding=ready.rounding, simulations=pool.done,
+    )  # fmt: skip
 
 
 def _conclusion(fitter: Fitter, bench: Bench, effects: Sequence[Effect]) -> int:
@@ -238,7 +239,8 @@ def _designed(
 ) -> tuple[Design | None, str]:
     """Next measurement as far as the budget suffices, and where it does not that, as the end of a sentence."""
     pool.reserve = len(fitter.evidence.parts)  # for the misfit
-    if not pool.suffices(MAX_MODELS * len(fitter.evidence.parts) * len(selection.final.names)):
+    if pool.left < MAX_MODELS * len(fitter.evidence.parts) * len(selection.final.names):
+        pool.spent = True
         return None, " (the budget was spent before a next measurement was searched)"
     on_stage("next measurement")
     pool.later.pop(NEXT_MEASUREMENT, None)

@@ -26,7 +26,9 @@ class BudgetSpent(Exception):
 
 @dataclass(frozen=True)
 class Budget:
-    """Limits of a diagnosis, within which its search ends, be it in the middle of a fit.
+    """Limits within which the search of a diagnosis ends, be it in the middle of a fit.
+
+    After them a search for a force begins no further fit.
 
     Attributes
     ----------
@@ -132,7 +134,7 @@ class Effort:
 
     def foresee(self, further: float) -> None:
         """Update the number of further simulations that are expected in this stage."""
-        self.foreseen = self.done + round(further) + self._later
+        self.foreseen = self.done + round(further + self.reserve) + self._later
         self._on_progress(self.done, self.foreseen)
 
     @contextmanager

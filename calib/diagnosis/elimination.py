@@ -67,8 +67,8 @@ def eliminated(
     """Eliminate the weakest cause in turn, until each explains several times the possible remainder.
 
     Then those whose sizes differ among channels, the weakest first, if the others explain enough without them. The
-    others are refitted without it; where the budget is spent no fit begins: a cause then counts with the reduction of
-    chi-square at its selection, and all stay or none.
+    others are refitted without it; where the budget ends that, a cause counts with the reduction of chi-square at its
+    selection, and all stay or none.
 
     Parameters
     ----------

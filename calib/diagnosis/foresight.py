@@ -65,9 +65,10 @@ def foresee_replacement(fitter: Fitter, searches: float, candidates: Sequence[Ca
 
 
 def foresee_conclusion(fitter: Fitter) -> None:
-    """Foresee that no further search for causes follows."""
+    """Foresee that no further search for causes follows; one that the budget ended stays foreseen."""
     fitter.effort.later |= {FURTHER_CAUSES: (0.0, SEARCH), PAIRS: (0.0, PAIR)}
-    fitter.effort.foresee(0)
+    if not fitter.effort.spent:
+        fitter.effort.foresee(0)
 
 
 def foresee_pairs(fitter: Fitter, candidates: Sequence[Candidate]) -> None:

@@ -63,8 +63,22 @@ def forward(
 
 
 def _with_latest_noise(fitter: Fitter, state: StepwiseState) -> StepwiseState:
-    """Return a state with its noise re-estimated; as it is, but for what is untried, where the budget ends that."""
-    latest = fitter.attempt(partial(_reestimated, fitter, state))
+    """Re-estimate the noise of rows without cycles from what no candidate explains beside the causes; refit the models.
+
+    Later searches use that noise, and the last cause is compared with its rivals in it again. Where the residual of the
+    causes is mostly model error it determines no noise, only how far it masks the uncertainty of clocks. Where the
+    budget ends that the state is as it was, but for what is untried.
+    """
+    old, residual = fitter.evidence, state.final.residual
+    evidence = old
+    if not dominant(excess_chi2(old, state.final), chi2_std(old)):
+        left = remainder(old, state.final, [derivatives.columns for derivatives in state.known.values()])
+        evidence = old.with_reestimated_noise(left)
+        residual = evidence.carried(residual[:, None], old)[:, 0]
+    evidence = evidence.with_remainder(residual)
+    if not _differs(evidence, old):
+        return state
+    latest = fitter.attempt(partial(_in_noise_of, fitter, evidence, state))
     if latest is not None:
         return latest
     names = dict.fromkeys(suspect.name for suspect in _compared_again(state) if suspect.name not in state.names)
@@ -122,22 +136,9 @@ def _with_form(fitter: Fitter, state: StepwiseState, formed: Refitted) -> Round:
     return replace(last, suspects=tuple(known if s.name == formed.name else s for s in last.suspects))
 
 
-def _reestimated(fitter: Fitter, state: StepwiseState) -> StepwiseState:
-    """Re-estimate the noise of rows without cycles from what no candidate explains beside the causes; refit the models.
-
-    Later searches use that noise, and the last cause is compared with its rivals in it again. Where the residual of the
-    causes is mostly model error it determines no noise, only how far it masks the uncertainty of clocks.
-    """
-    old, residual = fitter.evidence, state.final.residual
-    evidence = old
-    if not dominant(excess_chi2(old, state.final), chi2_std(old)):
-        left = remainder(old, state.final, [derivatives.columns for derivatives in state.known.values()])
-        evidence = old.with_reestimated_noise(left)
-        residual = evidence.carried(residual[:, None], old)[:, 0]
-    evidence = evidence.with_remainder(residual)
-    if not _differs(evidence, old):
-        return state
-    fitter.evidence = evidence
+def _in_noise_of(fitter: Fitter, evidence: Evidence, state: StepwiseState) -> StepwiseState:
+    """Return the state with its models refitted in the noise of other evidence; as it was where none is a cause."""
+    old, fitter.evidence = fitter.evidence, evidence
     earlier = [cause.candidate for cause, _ in state.causes[:-1]]
     tasks: list[Callable[[Fitter], Fit]] = [partial(Fitter.fit, start=state.null.point)]
     if earlier:

@@ -137,10 +137,13 @@ def above_noise(evidence: Evidence, fit: Fit) -> Gate:
     )
 
 
-def budget_suffices(effort: Effort, before: str) -> Gate:
-    """The gate of a budget that was spent before something, as a clause, without which nothing can be concluded."""
-    foreseen = f" of about {effort.foreseen} that are foreseen" if effort.foreseen > effort.done else ""
-    return Gate("budget", False, f"it was spent before {before}, after {effort.done} simulations{foreseen}")
+def budget_too_small(effort: Effort, needed: str) -> Gate:
+    """The gate of a budget that does not suffice for something without which nothing can be concluded."""
+    kept = f", {effort.reserve:.0f} are kept for the conclusion" if effort.reserve else ""
+    foreseen = f", about {effort.foreseen} are foreseen in all" if effort.foreseen > effort.done else ""
+    return Gate(
+        "budget", False, f"it does not suffice for {needed}: {effort.done} simulations are done{kept}{foreseen}"
+    )
 
 
 def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float) -> list[Gate]:

@@ -122,9 +122,9 @@ def _with_rivals_that_stand(
         others = [rival for rival in rivals if rival.name != cause.name]
         with closing(_in_its_place(fitter, bench, selection, cause, others, "as a rival", seed)) as outcomes:
             for rival in others:
-                if not fitter.effort.suffices():
-                    return selection, gain
-                outcome = next(outcomes)
+                outcome = next(outcomes) if fitter.effort.suffices() else None
+                if fitter.effort.spent:  # what the budget broke off refutes nothing
+                    return replace(selection, cut_short=True), gain
                 if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
                     tenable.append(rival)
         selection = selection.with_rivals(tenable)
@@ -165,9 +165,9 @@ def _exchanged_by_records(
         others = [rival for rival in rivals if rival.name != cause.name]
         with closing(_in_its_place(fitter, bench, selection, cause, others, reason, seed)) as outcomes:
             for rival in others:
-                if not fitter.effort.suffices():
-                    return selection, gain
-                outcome = next(outcomes)
+                outcome = next(outcomes) if fitter.effort.suffices() else None
+                if fitter.effort.spent:  # what the budget broke off refutes nothing
+                    return replace(selection, cut_short=True), gain
                 if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
                     better.append((rival, outcome))
         if better:

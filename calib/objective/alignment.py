@@ -121,7 +121,8 @@ class Alignment:
         if self.period is None:
             return _trusted(self.time, impacts)
         length = self._repeating(round((time[-1] - time[0]) / self.period)) * self.period
-        return _trusted(self.time + shift * self.period, impacts[impacts - time[0] < length], length)
+        end = length + 0.5 * (time[-1] - time[0]) / (time.size - 1)  # half a sample on: rounding loses none at the end
+        return _trusted(self.time + shift * self.period, impacts[impacts - time[0] < end], length)
 
     def _repeating(self, simulated: int) -> int:
         """Periods of a simulation of so many after which it repeats as the reference does: whole loops."""

@@ -440,13 +440,13 @@ def test_where_the_budget_is_spent_no_fit_is_made_for_the_gain_and_that_is_said(
 
 
 @pytest.mark.parametrize(
-    ("budget", "before"), [(20, "the calibrated model was fitted"), (60, "all candidates were tested")]
+    ("budget", "needed"), [(20, "the fit of the calibrated model"), (60, "the score test of every candidate")]
 )
-def test_a_budget_too_small_for_any_conclusion_is_kept_and_the_one_that_is_foreseen_is_said(gross, budget, before):
+def test_a_budget_too_small_for_any_conclusion_is_kept_and_the_one_that_is_foreseen_is_said(gross, budget, needed):
     short = diagnosed(changing(3e6, 1e-4, 5e-4), budget=str(budget))
     assert (short.verdict, short.cut_short, short.gates[-1].name) == ("not_diagnosable", True, "budget")
     assert short.simulations <= budget
-    assert short.summary.startswith(f"budget: it was spent before {before}, after ")
+    assert short.summary.startswith(f"budget: it does not suffice for {needed}: ")
     assert as_dict(short)["cut_short"]
 
 
@@ -454,8 +454,8 @@ def test_where_no_suspect_could_be_fitted_within_the_budget_they_are_named():
     known = {n: r for n, r in references(["cubic_stiffness"], k3=3e5).items() if r.use != "holdout"}
     short = diagnosed(known, budget="80")
     assert (short.verdict, short.selection.rounds[0].untried) == ("not_diagnosable", ("cubic_stiffness",))
-    assert short.summary.startswith("budget: it was spent before cubic_stiffness could be fitted, after ")
-    assert short.summary.endswith(" simulations")
+    assert short.summary.startswith("budget: it does not suffice for a fit of cubic_stiffness: ")
+    assert short.summary.endswith(" are foreseen in all")
 
 
 @pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.8])

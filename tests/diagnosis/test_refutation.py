@@ -1,5 +1,6 @@
 """Causes that the records refute, and what takes their place: stand-ins for selections."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import pytest
@@ -196,6 +197,37 @@ def test_where_more_is_left_each_rival_stands_in_the_place_of_the_cause(
     monkeypatch.setattr("calib.diagnosis.refutation._with_gain", with_gain)
     found, _ = revised_by_records(FITTER, None, Chosen("abc"), (), 0)
     assert found.names == kept
+
+
+@pytest.mark.parametrize("refuted", ["", "a"])
+def test_a_rival_whose_test_the_budget_breaks_off_is_not_refuted(monkeypatch, refuted):
+    """Stand-ins for a selection of the cause a, whose rivals are b and c; the budget ends in the test of the last."""
+    effort = SimpleNamespace(suffices=lambda: True, spent=False)
+
+    @dataclass
+    class Chosen:
+        names: str
+        cut_short: bool = False
+        is_explained = is_sufficient = remainder_is_significant = is_homogeneous = True
+        heterogeneous = differing_by_record = runners_up = ()
+
+        def __post_init__(self):
+            rivals = tuple(SimpleNamespace(name=n, aic_penalty=2.0, chi2_reduction=9.0) for n in self.names)
+            self.alternatives, self.causes = (rivals,), rivals[:1]
+
+        def with_rivals(self, rivals):
+            return Chosen("".join(rival.name for rival in rivals))
+
+    def with_gain(fitter, bench, own, seed):
+        effort.spent = effort.spent or own.names == "c"
+        tried = {"covers": lambda _: own.names != "c", "interval": (0.1, 0.2), "agreements": (), "joint": None}
+        return own, SimpleNamespace(refutes=own.names[0] in refuted, omitted=own.names == "c", **tried)
+
+    monkeypatch.setattr("calib.diagnosis.refutation.exchanged", lambda f, s, cause, rival, reason: Chosen(rival.name))
+    monkeypatch.setattr("calib.diagnosis.refutation._with_gain", with_gain)
+    fitter = InTurn(effort=effort, attempt=lambda step: None if effort.spent else step())
+    found, _ = revised_by_records(fitter, None, Chosen("abc"), (), 0)
+    assert (found.names, found.cut_short) == ("abc", True)
 
 
 @pytest.mark.parametrize(

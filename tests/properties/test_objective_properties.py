@@ -27,6 +27,7 @@ def test_a_smooth_loop_may_start_anywhere(first, second):
 @settings(deadline=None, max_examples=25)
 @given(triggers, jumps, impacts)
 @example(0.003, 0.75, 0.0)  # the jump is at the very instant of a sample: rounding puts it before it or behind it
+@example(0.03125, 0.5, 0.9999999999999999)  # it is at the end of the record, where the loop begins anew
 def test_a_loop_with_a_jump_may_start_anywhere(trigger, jump, impact):
     # half the jump in one sample of 400 would cost 6e-3: next to the impact velocity is not compared
     assert total(clapping(jump=jump, impact=impact, trigger=trigger), clapping(jump=jump, impact=impact)) < 1e-3

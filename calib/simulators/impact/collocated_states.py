@@ -19,7 +19,7 @@ from calib.simulators.impact.problem import FORCE_LAWS, Problem
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.law_calls import force
 
-LEAST_SIZE = 1e-6  # of a state, for the derivative by it, over what its rate makes in a step: it may be zero  [1]
+MIN_SIZE_SHARE = 1e-6  # of what its rate makes in a step, the size of a state that is zero at all nodes  [1]
 
 
 @njit(**WITHIN)
@@ -56,7 +56,7 @@ def differentiate_rates(
         own, rate, size = w.z[i, b, k, j], w.dz[i, b, k, j], 0.0
         for node in range(5):
             size = max(size, abs(w.z[i, b, k, node]))
-        difference = STATE_DIFFERENCE * max(size, LEAST_SIZE * step * abs(rate))
+        difference = STATE_DIFFERENCE * max(size, MIN_SIZE_SHARE * step * abs(rate))
         w.by_state[i, b, k, j] = 0.0
         if difference > 0.0:
             z[k] = own + difference

@@ -213,7 +213,7 @@ def _clearance(
 
 @njit(**INLINED)
 def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, stiff: bool, w: Scratch) -> None:
-    """Write the accelerations by the laws and the rates of their internal states at point `j`; stiff : of `_sum_at`."""
+    """Write the accelerations by the laws and the rates of their internal states at point `j`; stiff as `_sum_at`."""
     regimes, n = problem.regimes, w.q.size
     for i in range(n):
         y, v = 0.0, 0.0
@@ -333,13 +333,16 @@ def _is_resolved(
 @njit(**WITHIN)
 def _iterate(
     problem: Problem, r: int, state: ImpactState, time: float, step: float, speed: float, stiff: bool, w: Scratch
-) -> tuple[bool, float]:
-    """Iterate the loads by the force laws over a step to their fixed point.
+) -> tuple[bool, bool]:
+    """Iterate the loads by the force laws over a step, from none, to their fixed point.
 
     stiff : whether the internal states are solved for with the derivatives of their rates
-    -> whether they converge, and their last change over their size
+    -> whether they converge, and whether their last change is one that rounding may leave
     """
     start = state.counters[AT_PERIOD] * problem.period + time
+    for i in range(w.y.size):
+        for k in range(5):
+            w.load[i, k] = w.base[i, k]
     if problem.counts[LAW_STATES] > 0:
         hold_states(state.z, w)
     held, before, earlier, change, size = False, math.inf, math.inf, math.inf, 0.0
@@ -358,12 +361,12 @@ def _iterate(
         close = sweep > 0 and (change <= LOAD_TOLERANCE * size or change * step <= NEGLIGIBLE_CHANGE * speed)
         # the loads follow internal states one sweep late, so with those they have to hold twice
         if close and (problem.counts[LAW_STATES] == 0 or held):
-            return True, 0.0
+            return True, True
         held = close
         if sweep > 2 and not close and change > MAX_LOAD_CONTRACTION * earlier:
             break
         before, earlier = change, before
-    return False, change / size
+    return False, change <= MAX_ROUNDING_CHANGE * size
 
 
 @njit(**INLINED)
@@ -371,12 +374,11 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
     """Work out the loads by the force laws over a step; the outcome as of `collocate`."""
     _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
     speed = _modal_speed(problem.regimes, r, state.y, state.v)
-    converged, change = _iterate(problem, r, state, time, step, speed, False, w)
-    if not converged and problem.counts[LAW_STATES] > 0 and problem.exact:
-        converged, change = _iterate(problem, r, state, time, step, speed, True, w)
+    converged, rounded = _iterate(problem, r, state, time, step, speed, False, w)
+    if not (converged or rounded) and problem.counts[LAW_STATES] > 0 and problem.exact:
+        converged, rounded = _iterate(problem, r, state, time, step, speed, True, w)
     if not converged:
-        wrong = problem.counts[LAW_STATES] > 0 and change > MAX_ROUNDING_CHANGE
-        return NOT_CONVERGED if wrong else MISSED_BETWEEN
+        return MISSED_BETWEEN if rounded or problem.counts[LAW_STATES] == 0 else NOT_CONVERGED
     if not problem.exact:
         return LOADS_HOLD
     start = state.counters[AT_PERIOD] * problem.period + time

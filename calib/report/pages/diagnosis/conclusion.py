@@ -42,7 +42,12 @@ DISCOVER_REST = (
 def headline(diagnosis: DiagnosisResult) -> str:
     """Say the verdict in a sentence, and in another one that the budget ended the search before all was tried."""
     verdict = _verdict(diagnosis)
-    return f"{verdict} The budget was spent before all was tried." if diagnosis.cut_short else verdict
+    return f"{verdict} The budget was spent before all was tried." if _ended_early(diagnosis) else verdict
+
+
+def _ended_early(diagnosis: DiagnosisResult) -> bool:
+    """Whether the budget ended a search that has a result."""
+    return diagnosis.cut_short and all(gate.passed for gate in diagnosis.gates if gate.name == "budget")
 
 
 def _verdict(diagnosis: DiagnosisResult) -> str:
@@ -124,7 +129,7 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
 
 def _untried(diagnosis: DiagnosisResult) -> list[str]:
     """What the budget left untried."""
-    if not diagnosis.cut_short:
+    if not _ended_early(diagnosis):
         return []
     names = joined(list(dict.fromkeys(name for one in diagnosis.rounds for name in one.untried)))
     fits = f"fits were left out or broken off of {names}; " if names else ""
