@@ -375,8 +375,11 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
     _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
     speed = _modal_speed(problem.regimes, r, state.y, state.v)
     converged, rounded = _iterate(problem, r, state, time, step, speed, False, w)
-    if not (converged or rounded) and problem.counts[LAW_STATES] > 0 and problem.exact:
+    if not converged and problem.counts[LAW_STATES] > 0 and problem.exact:
+        close = rounded
         converged, rounded = _iterate(problem, r, state, time, step, speed, True, w)
+        if close and not (converged or rounded):  # back to what was as good as converged
+            converged, rounded = _iterate(problem, r, state, time, step, speed, False, w)
     if not converged:
         return MISSED_BETWEEN if rounded or problem.counts[LAW_STATES] == 0 else NOT_CONVERGED
     if not problem.exact:
