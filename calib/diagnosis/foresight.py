@@ -15,7 +15,8 @@ FURTHER_CAUSES, PAIRS, NEXT_MEASUREMENT = "further causes", "pairs", "next measu
 SEARCHES_BESIDE_NONE = 2.0  # where there is a misfit: between one and those beside two causes  [count]
 SEARCHES_BESIDE_CAUSES = 4.0  # further ones and those again, where the causes leave a misfit, as measured  [count]
 SEARCHES_AFTER_FURTHER = 3.0  # where a suspect beside causes is significant, as measured  [count]
-SEARCHES_TO_CONFIRM = 0.3, 1.0  # where no cause, or some, leave noise: most end with scores  [count]
+SEARCHES_TO_CONFIRM_NONE = 0.3  # where the calibrated model leaves noise: most end with scores, as measured  [count]
+SEARCHES_TO_CONFIRM_CAUSES = 1.0  # where causes leave noise, beside those for each of several again  [count]
 SHARE_SCORED_AGAIN = 0.5  # of parameters, where derivatives are of another model, as measured  [1]
 SHARE_OF_RIVALS = 0.35  # of searches whose leaders are similar, that end with rivals: some differ in their fits  [1]
 
@@ -38,14 +39,15 @@ def foresee_search(fitter: Fitter, base: Fit | None, causes: int, candidates: Se
     if misfit:
         searches = SEARCHES_BESIDE_CAUSES if causes else SEARCHES_BESIDE_NONE
     else:  # several causes are each searched for again
-        searches = SEARCHES_TO_CONFIRM[min(causes, 1)] + (causes if causes > 1 else 0)
+        confirming = SEARCHES_TO_CONFIRM_CAUSES if causes else SEARCHES_TO_CONFIRM_NONE
+        searches = confirming + (causes if causes > 1 else 0)
     pairs = CRITERIA.max_pairs if misfit and causes else 0
     fitter.effort.later |= {FURTHER_CAUSES: (searches, SEARCH), PAIRS: (pairs, PAIR)}
 
 
 def foresee_scores(fitter: Fitter, candidates: Sequence[Candidate], times: float = 1.0) -> None:
     """Foresee the scores of candidates, so many times."""
-    fitter.foresee(SCORE, times * sum(len(c.free) for c in candidates if c.effect.differentiable))
+    fitter.foresee(SCORE, times * _scored(candidates))
 
 
 def foresee_suspects(fitter: Fitter, base: Fit, number: int) -> None:
@@ -74,11 +76,16 @@ def foresee_conclusion(fitter: Fitter) -> None:
 def foresee_pairs(fitter: Fitter, candidates: Sequence[Candidate]) -> None:
     """Foresee scores of candidates, fits of pairs of them, and a search for one of the best pair beside the other."""
     fitter.effort.later |= {FURTHER_CAUSES: (1.0, SEARCH), PAIRS: (0.0, PAIR)}
-    parameters = sum(len(c.free) for c in candidates if c.effect.differentiable)
-    fitter.effort.foresee(fitter.effort.expected(SCORE, parameters) + fitter.effort.expected(PAIR, CRITERIA.max_pairs))
+    scores = fitter.effort.expected(SCORE, _scored(candidates))
+    fitter.effort.foresee(scores + fitter.effort.expected(PAIR, CRITERIA.max_pairs))
 
 
 def foresee_rivals(fitter: Fitter, chance: float) -> None:
     """Foresee the search of a next measurement by the chance that several causes are indistinguishable."""
     if SETTINGS in fitter.effort.priors:
         fitter.effort.later[NEXT_MEASUREMENT] = chance, SETTINGS
+
+
+def _scored(candidates: Sequence[Candidate]) -> int:
+    """Number of parameters of candidates that have a score."""
+    return sum(len(candidate.free) for candidate in candidates if candidate.effect.differentiable)

@@ -74,8 +74,9 @@ def _searched_again(fitter: Fitter, state: StepwiseState, candidates: Sequence[C
         last_too = state.names != before[: len(state.names)]
         if not (last_too or (len(state.causes) > 1 and not repetition)):
             break
-        known = state.causes, state.final, candidates, seed, state.known, last_too
-        again = fitter.attempt(partial(replaced, fitter, state.null, *known))
+        again = fitter.attempt(
+            partial(replaced, fitter, state.null, state.causes, state.final, candidates, seed, state.known, last_too)
+        )
         if again is None:
             break
         state = state.with_causes(*again, "each was searched for again beside the others")

@@ -1,6 +1,6 @@
 """Causes tested on records held out and from record to record, and replaced or left out where these refute them."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -118,15 +118,11 @@ def _with_rivals_that_stand(
     stands = _stands if selection.differing_by_record else _stands_in_each_record
     several = zip(selection.causes, selection.alternatives, strict=True)
     for cause, rivals in [(c, own) for c, own in several if len(own) > 1 and selection.remainder_is_significant]:
+        tried = _in_its_place(fitter, bench, selection, cause, rivals, "as a rival", seed)
+        if tried is None:
+            return replace(selection, cut_short=True), gain
         tenable = [rival for rival in rivals if rival.name == cause.name]
-        others = [rival for rival in rivals if rival.name != cause.name]
-        with closing(_in_its_place(fitter, bench, selection, cause, others, "as a rival", seed)) as outcomes:
-            for rival in others:
-                outcome = next(outcomes) if fitter.effort.suffices() else None
-                if fitter.effort.spent:  # what the budget broke off refutes nothing
-                    return replace(selection, cut_short=True), gain
-                if outcome and stands(*outcome) and _predicts_as_well(outcome[1], gain):
-                    tenable.append(rival)
+        tenable += [rival for rival, own in tried if stands(*own) and _predicts_as_well(own[1], gain)]
         selection = selection.with_rivals(tenable)
     return selection, gain
 
@@ -160,16 +156,11 @@ def _exchanged_by_records(
     if refuted and len(selection.causes) == 1:
         groups.append((selection.causes[0], selection.runners_up[: CRITERIA.max_runners_up]))
     for cause, rivals in groups:
-        better = []
         reason = ONE_SIZE if cause.name in differing else NOT_REFUTED
-        others = [rival for rival in rivals if rival.name != cause.name]
-        with closing(_in_its_place(fitter, bench, selection, cause, others, reason, seed)) as outcomes:
-            for rival in others:
-                outcome = next(outcomes) if fitter.effort.suffices() else None
-                if fitter.effort.spent:  # what the budget broke off refutes nothing
-                    return replace(selection, cut_short=True), gain
-                if outcome and _holds(rival, outcome, gain, differing.get(cause.name)):
-                    better.append((rival, outcome))
+        tried = _in_its_place(fitter, bench, selection, cause, rivals, reason, seed)
+        if tried is None:
+            return replace(selection, cut_short=True), gain
+        better = [(rival, own) for rival, own in tried if _holds(rival, own, gain, differing.get(cause.name))]
         if better:
             chosen = simplest([rival for rival, _ in better])
             [(selection, gain)] = [outcome for rival, outcome in better if rival is chosen]
@@ -185,11 +176,14 @@ def _in_its_place(
     rivals: Sequence[Refitted],
     reason: str,
     seed: int,
-) -> Generator[tuple[Selection, Gain] | None, None, None]:
-    """Put each rival in the place of a cause, and test that on records held out; None where it is no cause there.
+) -> list[tuple[Refitted, tuple[Selection, Gain]]] | None:
+    """Put each other rival in the place of a cause, and test that on records held out, if it is a cause there.
+
+    None where the budget breaks one off: that refutes nothing.
 
     reason : why, as the end of a sentence
     """
+    others = [rival for rival in rivals if rival.name != cause.name]
 
     def tested(rival: Refitted, own: Fitter) -> tuple[Selection, Gain] | None:
         other = exchanged(own, selection, cause, rival, reason)
@@ -198,7 +192,15 @@ def _in_its_place(
     def attempted(rival: Refitted, own: Fitter) -> tuple[Selection, Gain] | None:
         return own.attempt(partial(tested, rival, own))
 
-    return fitter.in_turn([partial(attempted, rival) for rival in rivals])
+    tried = []
+    with closing(fitter.in_turn([partial(attempted, rival) for rival in others])) as outcomes:
+        for rival in others:
+            outcome = next(outcomes) if fitter.effort.suffices() else None
+            if fitter.effort.spent:
+                return None
+            if outcome:
+                tried.append((rival, outcome))
+    return tried
 
 
 def _holds(rival: Refitted, outcome: tuple[Selection, Gain], gain: Gain, differing: float | None) -> bool:
