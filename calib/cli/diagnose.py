@@ -100,7 +100,7 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
     """Print a diagnosis, where its files are, and the path of the extended study where there is one."""
     console = console or Console(highlight=False)
     colour = COLOURS.get(diagnosis.verdict, "yellow")
-    console.print(f"[bold {colour}]{diagnosis.verdict}[/]: {escape(diagnosis.summary)}", soft_wrap=True)
+    console.print(f"[bold {colour}]{diagnosis.verdict}[/]: {escape(diagnosis.full_summary)}", soft_wrap=True)
     for gate in diagnosis.gates:
         if not gate.passed:
             console.print(f"[red]gate {gate.name}[/]: {escape(gate.summary)}", soft_wrap=True)

@@ -33,7 +33,7 @@ from calib.diagnosis.refutation import revised_by_records
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.speculation import SpeculativePool
 from calib.diagnosis.stages import Stages
-from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, joined, untried, verdict_of
+from calib.diagnosis.verdict import NAMED, NOT_DIAGNOSABLE, ONE_OF, UNEXPLAINED, failures, joined, omitted, verdict_of
 from calib.execution.pool import OpenPool
 from calib.modelling.effect import Effect
 from calib.objective import Reference
@@ -51,6 +51,7 @@ class Diagnosis:
     ----------
     verdict : "none", "named", "one_of", "unexplained" or "not_diagnosable"
     summary : the verdict in a sentence
+    omitted : what was left out for the budget, each as a clause
     gates : that were tested
     selection : the search for causes; None where a gate failed before it
     evidence : the records of calibration and naming; None where nothing could be simulated
@@ -68,6 +69,7 @@ class Diagnosis:
     verdict: str
     summary: str
     gates: tuple[Gate, ...]
+    omitted: tuple[str, ...] = ()
     selection: Selection | None = None
     evidence: Evidence | None = None
     refused: Mapping[str, str] = field(default_factory=dict)
@@ -190,16 +192,17 @@ def _diagnosed(
     if QUANTISATION in {cause.name for cause in selection.causes}:
         ready = replace(ready, rounding=0.0)
     verdict, summary = verdict_of(selection, gates, ready, gain)
-    summary += "" if unfitted else untried(selection, gain)
+    left_out = () if unfitted else omitted(selection, gain)
     design = None
     if len(selection.rivals) > 1 and verdict == ONE_OF and laboratory is not None:
-        design, remark = _designed(pool, bench, fitter, selection, laboratory, on_stage)
-        summary += remark
+        design, remarks = _designed(pool, bench, fitter, selection, laboratory, on_stage)
+        left_out += remarks
     on_stage("misfit")
     return Diagnosis(
         verdict=verdict,
         summary=summary,
         gates=gates,
+        omitted=left_out,
         selection=selection,
         evidence=fitter.evidence,
         refused=ready.refused,
@@ -236,20 +239,20 @@ def _designed(
     selection: Selection,
     laboratory: Laboratory,
     on_stage: Callable[[str], None],
-) -> tuple[Design | None, str]:
-    """Next measurement as far as the budget suffices, and where it does not that, as the end of a sentence."""
+) -> tuple[Design | None, tuple[str, ...]]:
+    """Next measurement as far as the budget suffices, and what of its search was left out, as clauses."""
     pool.reserve = len(fitter.evidence.parts)  # for the misfit
     if pool.left < MAX_MODELS * len(fitter.evidence.parts) * len(selection.final.names):
         pool.spent = True
-        return None, " (the budget was spent before a next measurement was searched)"
+        return None, ("no next measurement was searched",)
     on_stage("next measurement")
     pool.later.pop(NEXT_MEASUREMENT, None)
     pool.foresee(min(laboratory.simulations, pool.left))
     design = next_measurement(pool, bench, fitter, selection.rivals, laboratory)
     if design is None or design.max_simulations == laboratory.simulations:
-        return design, ""
+        return design, ()
     few = f"{design.max_simulations} of {laboratory.simulations} simulations"
-    return design, f" (the budget left {few} for the search of the next measurement)"
+    return design, (f"the next measurement was searched with {few}",)
 
 
 def _renewed(gates: Sequence[Gate], fitter: Fitter, selection: Selection) -> list[Gate]:

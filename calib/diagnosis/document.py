@@ -336,6 +336,7 @@ class DiagnosisResult:
     Attributes
     ----------
     verdict, summary : of `calib.diagnosis.verdict`
+    omitted : what was left out for the budget, each as a clause
     causes : names of the effects, or faults of the records, that are named
     classes : indistinguishable models, each the names of its effects
     stand_ins : effects that come closest although their sizes differ from record to record
@@ -360,6 +361,7 @@ class DiagnosisResult:
 
     verdict: str
     summary: str = field(default="", metadata={"key": "said"})
+    omitted: tuple[str, ...] = ()
     causes: tuple[str, ...] = ()
     classes: tuple[tuple[str, ...], ...] = field(default=(), metadata={"key": "class"})
     stand_ins: tuple[str, ...] = ()
@@ -397,6 +399,11 @@ class DiagnosisResult:
         if isinstance(document, Mapping):
             document = {**document, "misfit": document.get("misfit") or None}
         return typed(cls, document)
+
+    @property
+    def full_summary(self) -> str:
+        """The summary, and what was left out for the budget."""
+        return f"{self.summary} (the budget was spent: {'; '.join(self.omitted)})" if self.omitted else self.summary
 
     def as_dict(self) -> dict[str, Any]:
         """Return the object of diagnosis.json, which `json.dumps(..., allow_nan=False)` takes."""

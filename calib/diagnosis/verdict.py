@@ -187,15 +187,16 @@ def explained(share: float) -> str:
     return f"{100.0 * share:.1f} %" if share >= 0.99 else f"{100.0 * share:.0f} %"
 
 
-def untried(selection: Selection, gain: Gain | None) -> str:
-    """What was omitted for the budget, as the end of a sentence; "" where nothing was."""
-    blocks = "the gain on blocks of the calibrated records was not computed" if gain and gain.omitted else ""
-    if not selection.cut_short:
-        return f" (the budget was spent: {blocks})" if blocks else ""
-    names = list(dict.fromkeys(name for r in selection.rounds for name in r.untried))
-    fits = f"fits of {joined(names)} were left out or broken off, and " if names else ""
-    rest = f"not all further causes and exchanges of causes were tried{blocks and f', and {blocks}'}"
-    return f" (the budget was spent: {fits}{rest})"
+def omitted(selection: Selection, gain: Gain | None) -> tuple[str, ...]:
+    """What was left out for the budget, each as a clause."""
+    said = []
+    if selection.cut_short:
+        names = list(dict.fromkeys(name for r in selection.rounds for name in r.untried))
+        said += [f"fits of {joined(names)} were left out or broken off"] if names else []
+        said.append("not all further causes and exchanges of causes were tried")
+    if gain is not None and gain.omitted:
+        said.append("the gain on blocks of the calibrated records was not computed")
+    return tuple(said)
 
 
 def _one_of(names: Sequence[str], bracketed: bool = False) -> str:

@@ -41,7 +41,7 @@ def calibration_text(summary: CalibrationResult) -> str:
 def diagnosis_text(name: str, diagnosis: DiagnosisResult) -> str:
     """Write the verdict of a diagnosis on a study, the causes, and the reason."""
     causes = ", ".join(diagnosis.causes) or " or ".join(" + ".join(names) for names in diagnosis.classes)
-    return f"diagnosis of {name!r}: {diagnosis.verdict}{f': {causes}' if causes else ''}\n  {diagnosis.summary}"
+    return f"diagnosis of {name!r}: {diagnosis.verdict}{f': {causes}' if causes else ''}\n  {diagnosis.full_summary}"
 
 
 def headline(summary: CalibrationResult) -> str:

@@ -759,15 +759,17 @@ def test_a_file_that_is_no_diagnosis_is_refused(text, tmp_path):
         artifacts.read(tmp_path)
 
 
-def test_a_verdict_of_a_search_that_the_budget_ended_says_so(told):
-    said = document("unexplained", VALUES)
-    whole, rounds = headline(result(said)), said["rounds"] or [{"threshold": 3.0}]
-    begun = {**said, "cut_short": True, "rounds": [{**rounds[0], "untried": ["softening", "preload"]}, *rounds[1:]]}
-    assert "budget" not in whole
-    assert headline(result(begun)) == f"{whole} The budget was spent before all was tried."
-    texts = " ".join(points(result(begun)))
-    assert "fits were left out or broken off of softening and preload; not all further causes" in texts
-    assert not any("budget was spent" in text for text in points(result(said)))
+@pytest.mark.parametrize("verdict", ["named", "one_of", "unexplained", "not_diagnosable"])
+def test_that_the_budget_ended_a_search_is_said_once_and_what_was_left_out(verdict, study):
+    said = document(verdict, VALUES)
+    whole, left_out = headline(result(said)), ["fits of softening were left out or broken off", "not all was tried"]
+    begun = result({**said, "cut_short": True, "omitted": left_out})
+    assert "budget was spent" not in " ".join([whole, *points(result(said))])
+    assert headline(begun) == f"{whole} The budget was spent before all was tried."
+    page = chapter(begun, {}, CALIBRATED, study)
+    assert " ".join([page.headline, *page.points]).count("budget was spent") == 1
+    assert any(point.startswith(f"Left out for the budget: {'; '.join(left_out)}. A larger") for point in page.points)
+    assert begun.full_summary == f"{said['said']} (the budget was spent: {'; '.join(left_out)})"
 
 
 def test_the_effect_that_explains_most_and_is_none_is_in_the_headline():

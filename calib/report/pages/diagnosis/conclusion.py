@@ -128,15 +128,11 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
 
 
 def _untried(diagnosis: DiagnosisResult) -> list[str]:
-    """What the budget left untried."""
-    if not _ended_early(diagnosis):
+    """What the budget left untried; that it was spent stands in the headline."""
+    if not diagnosis.omitted:
         return []
-    names = joined(list(dict.fromkeys(name for one in diagnosis.rounds for name in one.untried)))
-    fits = f"fits were left out or broken off of {names}; " if names else ""
-    return [
-        f"The budget was spent: {fits}not all further causes and exchanges of causes were tried. A larger one "
-        "(--budget) may name another cause, or a further one."
-    ]
+    advice = " A larger budget (--budget) may name another cause, or a further one." if diagnosis.cut_short else ""
+    return [f"Left out for the budget: {'; '.join(diagnosis.omitted)}.{advice}"]
 
 
 def _faults(diagnosis: DiagnosisResult) -> list[str]:
