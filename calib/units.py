@@ -123,6 +123,11 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
     return f"{plain_number(factor * value, digits)} {name}".rstrip()
 
 
+def count(n: int, noun: str) -> str:
+    """Write a number of things: ``"1 trial"``, ``"2 trials"``."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
 def plain_number(value: float, digits: int = 4) -> str:
     """Write a number to `digits` significant digits, and all before the point up to 99999: ``"10000"``."""
     text = f"{value:.{digits}g}"

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError
-from calib.units import shown, to_si
+from calib.units import count, shown, to_si
 
 
 @pytest.mark.parametrize(
@@ -205,3 +205,7 @@ def test_any_text_is_a_number_or_a_mistake(text, unit):
 )
 def test_values_are_shown_in_units_that_people_read(value, unit, text):
     assert shown(value, unit) == text
+
+
+def test_one_thing_is_no_plural():
+    assert [count(n, "trial") for n in (0, 1, 2)] == ["0 trials", "1 trial", "2 trials"]

@@ -16,7 +16,7 @@ from calib.execution.netcdf import write_dataset
 from calib.report.plots.continuation import branch_diagram
 from calib.report.plots.style import DPI
 from calib.study_file import load
-from calib.units import shown
+from calib.units import count, shown
 
 
 def follow_branch(
@@ -95,7 +95,7 @@ def described(branch: Branch, name: str, unit: str) -> Iterator[str]:
     """Say how far a branch reaches, what is on it, and why it ends."""
     if branch.parameter.size:
         low, high = shown(branch.parameter.min(), unit, 7), shown(branch.parameter.max(), unit, 7)
-        yield f"period-{branch.periods} over {name} {low} .. {high}, {branch.parameter.size} points"
+        yield f"period-{branch.periods} over {name} {low} .. {high}, {count(branch.parameter.size, 'point')}"
     for point in branch.points:
         yield f"  {point.kind} at {name} = {shown(point.parameter, unit, 8)}: {point.evidence}"
     for end, reason in zip(("one end", "other end"), branch.ends, strict=True):

@@ -17,7 +17,7 @@ from calib.confidence.profile import WINDOW_END
 from calib.execution.progress import Count
 from calib.report.formatting import distinguishing_digits
 from calib.report.pages.confidence import comparison_remarks, prediction_remarks, sampling_remarks
-from calib.units import plain_number, reading, shown
+from calib.units import count, plain_number, reading, shown
 from calib.workflows.command_line import command_line
 from calib.workflows.confidence import CONFIDENCE_PICTURE, confidence_study, pairs_of
 from calib.workflows.posterior import POSTERIOR_FILES, damage_of_sample
@@ -85,7 +85,7 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
     for remark in result.remarks:
         console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
     console.print(escape(result.noise), soft_wrap=True)
-    console.print(f"{result.evaluations} evaluations")
+    console.print(count(result.evaluations, "evaluation"))
     names = [CONFIDENCE, *([CONFIDENCE_PICTURE] if result.profiles else []), "report.html"]
     if result.posterior is not None:
         own = result.posterior
@@ -95,7 +95,7 @@ def show(result: ConfidenceResult, folder: Path, console: Console) -> None:
         console.print(
             f"log evidence over the likelihood of the best point: {own.log_evidence:.2f} +- "
             f"{own.log_evidence_error:.2f}; effective sample size {own.effective_size:.0f}; "
-            f"{own.evaluations} evaluations",
+            f"{count(own.evaluations, 'evaluation')}",
             soft_wrap=True,
         )
         for remark in sampling_remarks(own):

@@ -32,6 +32,7 @@ from calib.report.pages.diagnosis.sizes import (
 )
 from calib.report.pages.diagnosis.suspects import outcome
 from calib.report.plots.suspects import SuspectOutcome
+from calib.units import count
 from calib.workflows.command_line import command_line
 from calib.workflows.diagnose import diagnose_study
 
@@ -84,7 +85,7 @@ class DiagnosisProgress:
 
     def simulated(self, done: int, foreseen: int) -> None:
         """Take in how many simulations are done, and how many are foreseen in all."""
-        text = f"{done} of about {foreseen} simulations" if done < foreseen else f"{done} simulations"
+        text = f"{done} of about {foreseen} simulations" if done < foreseen else count(done, "simulation")
         if self._bar is not None:
             self._bar.update(self._task, completed=done, total=max(done, foreseen), text=text)
         elif self._clock() - self._told > LINE_INTERVAL:
@@ -121,7 +122,7 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
     if diagnosis.verdict == UNEXPLAINED:
         hint = "calib discover looks for a force that no effect has, as a free function, in records over time"
         console.print(hint, soft_wrap=True)
-    console.print(f"{diagnosis.simulations} simulations in {diagnosis.seconds:.1f} s")
+    console.print(f"{count(diagnosis.simulations, 'simulation')} in {diagnosis.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)
     if extended is not None:
         told = f"extended study:  {extended}   ({command_line('run', extended)})"
@@ -200,4 +201,4 @@ def _design(diagnosis: DiagnosisResult) -> list[str]:
             doubt = "" if measurement.confirmed else " (not confirmed)"
             best.setdefault(measurement.kind, f"{measurement.kind} {measurement.z:.3g}{doubt}")
     kinds = ", ".join(best.values())
-    return [f"best z of each kind of test: {kinds} ({design.simulations} simulations)"] if best else []
+    return [f"best z of each kind of test: {kinds} ({count(design.simulations, 'simulation')})"] if best else []

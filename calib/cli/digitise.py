@@ -18,6 +18,7 @@ from calib.report.plots.reference import reference_picture
 from calib.report.record_description import record_description, record_warnings
 from calib.study_file.mistakes import located, read_study
 from calib.study_file.references import references
+from calib.units import count
 from calib.workflows.command_line import command_line
 
 TABLES = (".csv", ".txt", ".dat", ".tsv", ".json", ".mat")  # suffixes of what [record.table] reads
@@ -37,7 +38,7 @@ def list_curves(path: Path, spec: Path | None) -> None:
     for curve in export.curves:
         (left, low), (right, high) = curve.points.min(axis=0), curve.points.max(axis=0)
         spans = f"x {left:.6g} .. {right:.6g}, y {low:.6g} .. {high:.6g}"
-        click.echo(f"  {curve.name}: {len(curve.points)} points, {spans}")
+        click.echo(f"  {curve.name}: {count(len(curve.points), 'point')}, {spans}")
         for note in curve.notes:
             click.echo(f"    note: {note}")
     for name, reason in export.refused.items():

@@ -16,7 +16,7 @@ from calib.cli.status import folder_of
 from calib.diagnosis.discovery.artifacts import DISCOVERY
 from calib.diagnosis.discovery.discover import FOUND
 from calib.diagnosis.discovery.document import DiscoveryResult, NumberResult
-from calib.units import plain_number, shown
+from calib.units import count, plain_number, shown
 from calib.workflows.command_line import command_line
 from calib.workflows.discover import FORCE_PICTURE, discover_study
 
@@ -55,7 +55,7 @@ def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path
         console.print(f"not determined beside the calibrated parameters: {text}", soft_wrap=True)
     if result.trials:
         console.print(_trials(result))
-    console.print(f"{result.simulations} simulations in {result.seconds:.1f} s")
+    console.print(f"{count(result.simulations, 'simulation')} in {result.seconds:.1f} s")
     names = ", ".join([DISCOVERY, *([FORCE_PICTURE] if result.functions else []), "report.html"])
     console.print(f"files:  {escape(str(folder))}/ ({names})", soft_wrap=True)
     if extended is not None:

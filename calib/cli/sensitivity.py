@@ -15,6 +15,7 @@ from calib.sweep.sensitivity import SensitivityResult
 from calib.sweep.sensitivity.design import Method
 from calib.sweep.sensitivity.document import FILE_NAME, OutputSensitivity
 from calib.sweep.sensitivity.words import in_words, measure, moving, negligible, shares_in_words, title
+from calib.units import count
 from calib.workflows.sensitivity import SENSITIVITY_PICTURE, sensitivity_study
 
 
@@ -69,7 +70,7 @@ def show(result: SensitivityResult, folder: Path, console: Console) -> None:
     console.print(table)
     for remark in result.remarks:
         console.print(escape(remark), soft_wrap=True)
-    console.print(f"{result.simulations} simulations")
+    console.print(count(result.simulations, "simulation"))
     console.print(f"files:  {escape(str(folder))}/ ({FILE_NAME}, {SENSITIVITY_PICTURE})", soft_wrap=True)
 
 

@@ -14,9 +14,9 @@ from calib.dynamics.curves import BifurcationCurve
 from calib.modelling.parameter import ABOVE_ZERO, Parameter
 from calib.objective import MISFIT
 from calib.records import OK
-from calib.report.pages.verdict import far_sentences, residual_sentences
+from calib.report.pages.verdict import far_sentences, residual_sentences, starts_sentences
 from calib.study import CalibrationResult
-from calib.units import reading, shown
+from calib.units import count, reading, shown
 
 MAX_DECIMALS = 6  # beyond, a number is written with a power of ten
 DEFAULT_COLUMNS = 120  # columns, where the output is no terminal
@@ -26,7 +26,7 @@ def show_result(result: CalibrationResult, folder: Path, console: Console | None
     """Print what a study found (the content of its `result.json`)."""
     console = console or _console()
     if result.status != OK:
-        console.print(f"[bold]{escape(result.name)}[/]: none of {result.trials} trials ended ok")
+        console.print(f"[bold]{escape(result.name)}[/]: none of {count(result.trials, 'trial')} ended ok")
     else:
         console.print(_parameters(result))
         console.print(_scores(result))
@@ -121,27 +121,22 @@ def _remarks(result: CalibrationResult) -> list[str]:
     doubt = "" if all(one.is_noise for one in result.residual) else "[yellow]mind:[/] "
     lines += [f"{doubt}{escape(sentence)}" for sentence in residual_sentences(result)]
     if result.confirmation is not None and result.confirmation.succeeded:
-        count, chosen = len(result.confirmation.leaders), result.confirmation.chosen
-        lines.append(f"{count} leader{'' if count == 1 else 's'} of the search confirmed, trial {chosen} taken")
-    if result.starts is not None:
-        agree, starts = result.starts
-        changed = result.confirmation is not None and result.confirmation.changed
-        where = f"its best, trial {result.searched_best}" if changed else "this point"
-        lines.append(f"{agree} of {starts} starts of the search ended at {where}")
-    return lines
+        leaders = count(len(result.confirmation.leaders), "leader")
+        lines.append(f"{leaders} of the search confirmed, trial {result.confirmation.chosen} taken")
+    return [*lines, *starts_sentences(result)]
 
 
 def show_status(status: StudyStatus) -> None:
     """Print how far a study is."""
     console = _console()
-    console.print(f"[bold]{escape(status.name)}[/]: {status.state}, {status.trials} of {status.budget} trials")
+    console.print(f"[bold]{escape(status.name)}[/]: {status.state}, {status.trials} of {count(status.budget, 'trial')}")
     best = status.best
     if best is not None:
         console.print(f"best score {shown(best.total, '1')} ({best.kind}) at trial {best.number}")
         for name, unit in status.units.items():
             console.print(f"  {escape(name)} = {shown(best.values[name], unit, 6)}")
-    for reason, count in status.failed.items():
-        console.print(f"failed: {count} ({escape(reason)})")
+    for reason, trials in status.failed.items():
+        console.print(f"failed: {trials} ({escape(reason)})")
     if status.seconds is not None:
         console.print(f"{status.seconds:.3g} s a trial")
     console.print(f"files: {escape(status.folder)}", soft_wrap=True)

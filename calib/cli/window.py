@@ -23,6 +23,7 @@ from calib.confidence.window.words import (
 )
 from calib.errors import CalibError
 from calib.execution.progress import Count
+from calib.units import count
 from calib.workflows.window import ALL_TERMS, WINDOW_PICTURE, window_study
 
 
@@ -90,9 +91,11 @@ def show(result: WindowResult, folder: Path, console: Console) -> None:
     for line in map(exact_in_words, result.exact):
         console.print(escape(line), soft_wrap=True)
     for failure in result.failures:
-        console.print(f"{failure.trials} points ended as {failure.status}: {escape(failure.reason)}", soft_wrap=True)
+        ended = f"{count(failure.trials, 'point')} ended as {failure.status}"
+        console.print(f"{ended}: {escape(failure.reason)}", soft_wrap=True)
     for remark in result.remarks:
         console.print(f"[yellow]mind:[/] {escape(remark)}", soft_wrap=True)
-    console.print(f"{result.points} points, {result.simulations} simulations, {result.seconds:.1f} s")
+    effort = f"{count(result.points, 'point')}, {count(result.simulations, 'simulation')}"
+    console.print(f"{effort}, {result.seconds:.1f} s")
     files = f"({WINDOW_FILE}, {WINDOW_DATA}, {WINDOW_PICTURE}, report.html)"
     console.print(f"files:  {escape(str(folder))}/ {files}", soft_wrap=True)

@@ -12,7 +12,7 @@ from calib.confidence.pair import NODES_PER_SIDE
 from calib.confidence.profile import CROSSED, JUMP, NO_MOTION, WINDOW_END, Side, SideEnd
 from calib.confidence.profiles import HIGH, LOW, Profiles
 from calib.modelling.parameter import Space
-from calib.units import shown
+from calib.units import count, shown
 
 MAX_EQUAL_DIFFERENCE = 0.05  # of half widths, relative, that count as equal  [1]
 MAX_UNSAID_MOVE = 0.1  # of a standard error: a best point that moved less is the calibrated one  [1]
@@ -184,5 +184,5 @@ def _remarks(space: Space, profiles: Profiles) -> list[str]:
         )
     failed = [p for both in profiles.points.values() for own in both for p in own if not math.isfinite(p.square)]
     if failed:
-        remarks.append(f"{len(failed)} points of the profiles could not be compared: {failed[0].reason}")
+        remarks.append(f"{count(len(failed), 'point')} of the profiles could not be compared: {failed[0].reason}")
     return remarks

@@ -17,6 +17,7 @@ from calib.diagnosis.score import variance_along
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.study import Pool
+from calib.units import count
 
 MIN_WRITTEN_Z = 0.01  # smaller ones are written as below it  [1]
 REFINEMENT_FACTOR = 2.0  # factor by which step and tolerance are divided  [1]
@@ -139,11 +140,10 @@ def above_noise(evidence: Evidence, fit: Fit) -> Gate:
 
 def budget_too_small(effort: Effort, needed: str) -> Gate:
     """The gate of a budget that does not suffice for something without which nothing can be concluded."""
-    kept = f", {effort.reserve:.0f} are kept for the conclusion" if effort.reserve else ""
-    foreseen = f", about {effort.foreseen} are foreseen in all" if effort.foreseen > effort.done else ""
-    return Gate(
-        "budget", False, f"it does not suffice for {needed}: {effort.done} simulations are done{kept}{foreseen}"
-    )
+    kept = f", {effort.reserve:.0f} kept for the conclusion" if effort.reserve else ""
+    foreseen = f", about {effort.foreseen} foreseen in all" if effort.foreseen > effort.done else ""
+    done = count(effort.done, "simulation")
+    return Gate("budget", False, f"it does not suffice for {needed}: {done} done{kept}{foreseen}")
 
 
 def converged(fitter: Fitter, fit: Fit, effects: Sequence[Effect], threshold: float, margin: float) -> list[Gate]:

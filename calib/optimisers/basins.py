@@ -128,7 +128,8 @@ class SearchEnds:
         if n <= basins + 2 or in_best < MIN_SEARCHES_IN_BEST_BASIN:
             return None
         if basins * (n - 1) / (n - basins - 2) < basins + 0.5:
-            return f"{in_best} of {n} local searches agree on the best of {basins} basins"
+            where = "one basin" if basins == 1 else f"the best of {basins} basins"
+            return f"{in_best} of {n} local searches agree on {where}"
         return None
 
     def summary(self, starts: int) -> Summary:

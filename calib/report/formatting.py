@@ -72,11 +72,6 @@ def capitalised(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def count(n: int, noun: str) -> str:
-    """Write a number of things: ``"1 trial"``, ``"2 trials"``."""
-    return f"{n} {noun}{'' if n == 1 else 's'}"
-
-
 def quantity(value: float | None, unit: str | None, digits: int = 3, half: float | None = None) -> str:
     """Write an SI value with its unit, in mm, ms, µm or µs where it is small, and its half interval."""
     if value is None:

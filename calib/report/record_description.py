@@ -24,7 +24,7 @@ from calib.records.repetition import other_frequency
 from calib.records.response import SIGMA_SOURCE, complex_amplitude, has_phase, sweeps, tolerances
 from calib.records.white_noise import shows_noise
 from calib.report.decay_description import decay_description
-from calib.units import shown
+from calib.units import count, shown
 
 MAX_INTEGRAL_ERROR = 0.02  # of the velocity's integral, over the rms displacement, noise apart  [1]
 SIGNIFICANT_Z = 4.0  # from which noise does not explain a difference  [standard uncertainties]
@@ -290,9 +290,10 @@ def _clipped_channels(record: xr.Dataset, body: str) -> Iterator[str]:
             levels = sorted({float(values[first]) for first, _ in runs})
             unit = record[channel].attrs.get("units", "1")
             yield (
-                f"{channel} of {body}: {int(np.diff(runs).sum())} samples in {len(runs)} runs equal the extreme value "
-                f"of {' or '.join(shown(level, unit) for level in levels)}: a converter or an amplifier was at its "
-                "limit; " + ("the decay is analysed behind them" if decays else "record again in a wider range")
+                f"{channel} of {body}: {int(np.diff(runs).sum())} samples in {count(len(runs), 'run')} equal the "
+                f"extreme value of {' or '.join(shown(level, unit) for level in levels)}: a converter or an amplifier "
+                "was at its limit; "
+                + ("the decay is analysed behind them" if decays else "record again in a wider range")
             )
 
 

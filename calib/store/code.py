@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from calib.store.header import Header
 from calib.store.trial import Trial
+from calib.units import count
 
 
 def code_change(old: Mapping[str, str], new: Mapping[str, str], trials: int) -> str:
@@ -18,12 +19,13 @@ def code_change(old: Mapping[str, str], new: Mapping[str, str], trials: int) -> 
     )
     if not old:
         return (
-            f"the code of {named} was not recorded when this study was begun: it is from now on, the {trials} trials "
-            "logged stay valid, and a new segment continues from them"
+            f"the code of {named} was not recorded when this study was begun: it is from now on, what is logged "
+            f"({count(trials, 'trial')}) stays valid, and a new segment continues it"
         )
     return (
-        f"the code of {named} has changed since this study was last run: the {trials} trials logged no longer count, "
-        "and a new segment begins, in which the best of them is evaluated again with the present code"
+        f"the code of {named} has changed since this study was last run: what is logged "
+        f"({count(trials, 'trial')}) no longer counts, and a new segment begins, in which the best of it is "
+        "evaluated again with the present code"
     )
 
 

@@ -25,6 +25,7 @@ from calib.store.header import HEADER_KEYS, Header, StudyHeader
 from calib.store.plain import plain
 from calib.store.residuals import BYTES_PER_RESIDUAL, SideFile, StoredResiduals
 from calib.store.trial import KEYS, Trial, line, trial_of
+from calib.units import count
 
 TRIALS, RESIDUALS = "trials.jsonl", "residuals.f64"
 FORMAT_VERSION = 1  # of the ledger: a log of another is not read
@@ -131,7 +132,7 @@ class Ledger:
             warnings.warn(
                 "this study was begun with other libraries, or on another processor or BLAS kernel:\n  "
                 + "\n  ".join(changes)
-                + f"\nthe {len(content.trials)} trials logged stay valid; a new segment continues from them",
+                + f"\nwhat is logged ({count(len(content.trials), 'trial')}) stays valid; a new segment continues it",
                 stacklevel=4,
             )
         sentence = code_change(last.code, header.code, len(content.trials))
@@ -351,9 +352,9 @@ def _windows(header: Header) -> dict[str, Window]:
         raise _Damage(f"a window of the study is none ({error})") from error
 
 
-def _warn_of_lost_residuals(path: Path, index: int, count: int) -> None:
+def _warn_of_lost_residuals(path: Path, index: int, lost: int) -> None:
     warnings.warn(
-        f"{path}: {count} trials from line {index + 1} on have lost their residuals and are evaluated again",
+        f"{path}: from line {index + 1} on residuals are lost, of {count(lost, 'trial')}, evaluated again now",
         stacklevel=5,
     )
 

@@ -13,6 +13,7 @@ from calib.records import OK
 from calib.store import Trial
 from calib.store.trial import best
 from calib.study.reachability import reach
+from calib.units import count
 
 MIN_SPREAD_TRIALS = 2  # of a screen that ended well, of which it is said what they reach
 RATE_SECONDS = 20.0  # s over which the rate of trials is taken
@@ -89,7 +90,7 @@ class Progress:
         self._best = best(trials)
         self._screened = [trial for trial in trials if trial.phase == "screen"]
         if trials and not self._quiet:
-            self._console.print(f"going on from {len(trials)} trials")
+            self._console.print(f"going on from {count(len(trials), 'trial')}")
 
     def trial(self, trial: Trial, top: Trial | None, count: int) -> None:
         """Take in a trial that has ended, the best one so far, and the number of trials there are."""

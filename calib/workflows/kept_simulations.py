@@ -5,6 +5,7 @@ from collections.abc import Callable
 from calib.store.environment import environment
 from calib.store.kept_results import KeptResults
 from calib.study_file import StudyFile
+from calib.units import count
 
 SIMULATIONS_FORMAT_VERSION = 1  # of the simulations: those of another are run anew
 
@@ -28,5 +29,5 @@ def kept_simulations(file: StudyFile, name: str, on_stage: Callable[[str], None]
         file.folder / name, [SIMULATIONS_FORMAT_VERSION, file.study.header.definition, code, environment()]
     )
     if kept.known:
-        on_stage(f"going on with {kept.known} simulations of a run that did not end")
+        on_stage(f"going on with {count(kept.known, 'simulation')} of a run that did not end")
     return kept

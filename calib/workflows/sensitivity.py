@@ -13,6 +13,7 @@ from calib.study_file import load
 from calib.sweep.sensitivity import MORRIS, SensitivityDesign, SensitivityResult, analyse, evaluated
 from calib.sweep.sensitivity.design import DEFAULT_SAMPLES, DEFAULT_TRAJECTORIES, Method
 from calib.sweep.sensitivity.document import write
+from calib.units import count
 from calib.workflows.evaluations import SEARCH, Evaluations
 
 SENSITIVITY_PICTURE = "sensitivity.png"
@@ -64,10 +65,11 @@ def sensitivity_study(
     records = len(study.objective.scored)
 
     def opened(done: int) -> None:
+        over = count(design.dim, "parameter")
         of_each = "" if records == 1 else f" of {records} records each"
-        what = f"{groups} {'trajectories' if method == MORRIS else 'base samples'} over {design.dim} parameters"
-        left = (design.size - done) * records
-        on_note(f"{method}: {what}: {design.size} points{of_each}, {done} done before; {left} simulations to come")
+        what = f"{groups} {'trajectories' if method == MORRIS else 'base samples'} over {over}"
+        left = count((design.size - done) * records, "simulation")
+        on_note(f"{method}: {what}: {design.size} points{of_each}, {done} done before; {left} to come")
         on_point(done, design.size)
 
     store = Store(folder / SENSITIVITY_FOLDER / method, view=None, keep="best")

@@ -27,6 +27,7 @@ from calib.study import result
 from calib.study_file import PythonOrigin, StudyFile, load
 from calib.study_file.references import expanded
 from calib.sweep.sensitivity.design import MORRIS, Method
+from calib.units import count
 from calib.workflows.calibrate import UNFINISHED, calibrate_file, rebuild, summary_so_far
 from calib.workflows.confidence import confidence_study
 from calib.workflows.diagnose import diagnose_study
@@ -267,10 +268,8 @@ class Study:
             undo.pop_all()
         failures = calibration.summary.failures
         if failures and not calibration.values:
-            warnings.warn(
-                f"none of {calibration.summary.trials} trials ended ok ({failures[0].status}): {failures[0].reason}",
-                stacklevel=2,
-            )
+            trials, first = count(calibration.summary.trials, "trial"), failures[0]
+            warnings.warn(f"none of {trials} ended ok ({first.status}): {first.reason}", stacklevel=2)
         return calibration
 
     def sensitivity(

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from calib.diagnosis.document import DiagnosisResult
-from calib.report.formatting import count, measured_number
+from calib.report.formatting import measured_number
 from calib.study.result import CalibrationResult
-from calib.units import reading
+from calib.units import count, reading
 
 
 def study_text(document: Mapping[str, Any]) -> str:

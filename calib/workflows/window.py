@@ -28,6 +28,7 @@ from calib.report.plots.window import window_figure
 from calib.store import Store, Trial
 from calib.study import result as calibration
 from calib.study_file import StudyFile, load
+from calib.units import count
 from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.time_records import check_time_records
@@ -114,7 +115,8 @@ def _explored(
     study = file.study
 
     def opened(done: int) -> None:
-        on_note(f"window over {study.space.dim} parameters: {budget} points, {done} done before")
+        over = count(study.space.dim, "parameter")
+        on_note(f"window over {over}: {count(budget, 'point')}, {done} done before")
         on_point(done, budget)
 
     evaluation = WindowEvaluation(study.without_search())
@@ -133,7 +135,7 @@ def _write(result: WindowResult, dataset: xr.Dataset, folder: Path) -> None:
 def _check_budget(budget: int, dim: int) -> None:
     least = start_points(dim) + 1
     if budget < least:
-        raise CalibError(f"--budget: {dim} parameters need {least} points at least, got {budget}")
+        raise CalibError(f"--budget: expected at least {least} points for {count(dim, 'parameter')}, got {budget}")
 
 
 def _tolerances(file: StudyFile, folder: Path, given: Mapping[str, float]) -> dict[str, float]:

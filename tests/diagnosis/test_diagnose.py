@@ -456,7 +456,7 @@ def test_where_no_suspect_could_be_fitted_within_the_budget_they_are_named():
     short = diagnosed(known, budget="80")
     assert (short.verdict, short.selection.rounds[0].untried) == ("not_diagnosable", ("cubic_stiffness",))
     assert short.summary.startswith("budget: it does not suffice for a fit of cubic_stiffness: ")
-    assert short.summary.endswith(" are foreseen in all")
+    assert short.summary.endswith(" foreseen in all")
 
 
 @pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.8])

@@ -169,7 +169,7 @@ def test_trials_whose_residuals_are_lost_are_evaluated_again(tmp_path):
     size = (tmp_path / "whole" / "residuals.f64").stat().st_size
     for lost in (1, 8, 41 * 8, 41 * 8 + 3, size):
         cut(tmp_path / "whole", tmp_path / "cut", "residuals.f64", size - lost)
-        with pytest.warns(UserWarning, match="lost their residuals"):
+        with pytest.warns(UserWarning, match="residuals are lost"):
             found = run(a_study, tmp_path / "cut")
         assert lines(found.trials) == lines(trials)
 

@@ -167,7 +167,7 @@ def test_failed_runs_are_data(calibrated, tmp_path):
         (("--tolerance", "phase_curv=0.1"), "did you mean 'phase_curve'"),
         (("--tolerance", "small"), "expected a distance"),
         (("--tolerance", "-1"), "above 0"),
-        (("--budget", "10"), "need 17 points at least"),
+        (("--budget", "10"), "expected at least 17 points"),
     ],
 )
 def test_mistakes_are_told(calibrated, arguments, told):

@@ -23,6 +23,7 @@ from calib.store import Trial
 from calib.store.trial import failures
 from calib.study import CalibrationStudy
 from calib.study.result import FailureSummary
+from calib.units import count
 
 MIN_SHAPE_POINTS = 100  # of the window, from which its second moments are known
 STEP_OUTSIDE = 1e-3  # edges of the cube, beyond an end, where its cause is read
@@ -47,8 +48,8 @@ def analysed(
     region = WindowDesign(study.space.dim, seed).region(observed)
     if region is None:
         raise CalibError(
-            f"of {len(trials)} points {int(observed.right.sum())} are of the measured kind: too few to draw a window; "
-            "raise --budget, or narrow the study's windows"
+            f"the motion is of the measured kind at {int(observed.right.sum())} of "
+            f"{count(len(trials), 'point')}: too few to draw a window; raise --budget, or narrow the study's windows"
         )
     sample = fine_sample(region, observed.points[observed.admissible], seed)
     share = volume_share(region, sample, observed, seed)

@@ -19,13 +19,13 @@ from calib.confidence.document import (
     ProfileResult,
 )
 from calib.confidence.profile import WINDOW_END
-from calib.report.formatting import capitalised, count
+from calib.report.formatting import capitalised
 from calib.report.pages.diagnosis.conclusion import MAX_RELATIVE_CHANGE
 from calib.report.pages.picture import Picture
 from calib.report.plots.predictive import predictive_of_record
 from calib.report.plots.profiles import profiles_figure
 from calib.study import CalibrationResult
-from calib.units import plain_number, reading, shown
+from calib.units import count, plain_number, reading, shown
 
 PROFILES = (
     "Likelihood-ratio statistic (twice the fall of the log-likelihood from its best value) over each parameter, all "

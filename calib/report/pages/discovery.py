@@ -7,13 +7,14 @@ import numpy as np
 
 from calib.diagnosis.discovery.discover import FOUND, NOTHING
 from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult
-from calib.report.formatting import capitalised, count, number, number_and_half, quantity, raised
+from calib.report.formatting import capitalised, number, number_and_half, quantity, raised
 from calib.report.pages.diagnosis.conclusion import stale
 from calib.report.pages.picture import Picture, pictured
 from calib.report.pages.verdict import Tone
 from calib.report.plots.formula import formula_figure
 from calib.report.plots.found_force import found_force_figure
 from calib.study import CalibrationResult
+from calib.units import count
 
 TONES: Mapping[str, Tone] = {FOUND: "good", NOTHING: "good"}
 FORCE = (

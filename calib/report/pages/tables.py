@@ -14,7 +14,7 @@ from calib.report.formatting import measured_number, number, number_and_half, ra
 from calib.store import Header, Trial
 from calib.store.trial import failures as by_cause
 from calib.study import CalibrationResult, CalibrationStudy, UndeterminedGroup, UnreachableFeature
-from calib.units import MILLI, shown, shown_unit
+from calib.units import MILLI, count, shown, shown_unit
 
 MAX_LISTED_TRIALS = 8  # numbers of failed trials that a row lists
 
@@ -271,7 +271,7 @@ def provenance(
         "Command": command,
         "Model": study.model.name,
         "Seed": str(study.seed),
-        "Budget": f"{study.budget} trials",
+        "Budget": count(study.budget, "trial"),
         "Trials made": f"{result.trials}, of which {result.failed} failed",
     }
     if result.simulations is not None:

@@ -7,10 +7,11 @@ from calib.objective import MISFIT
 from calib.objective.objective import MAX_AGREEMENT_DISTANCE
 from calib.records import OK
 from calib.records.cycles import NOT_PERIODIC, SWEPT, WITHOUT_KIND
-from calib.report.formatting import capitalised, count, number, percent
+from calib.report.formatting import capitalised, number, percent
 from calib.report.pages.tables import unreachable
 from calib.study import CalibrationResult
 from calib.study.result import MotionSummary
+from calib.units import count
 
 MAX_LISTED_FEATURES = 4  # out of reach that a sentence lists
 
@@ -118,16 +119,26 @@ def _kind_of_motion(motion: MotionSummary) -> list[str]:
 def _agreement(result: CalibrationResult) -> list[str]:
     """Say how many starts of the search ended at the best point, or what else the optimiser reports."""
     if result.starts is not None:
-        agree, starts = result.starts
-        if starts < 2:
-            return ["The search had one start only: another may end at another point."]
-        changed = result.confirmation is not None and result.confirmation.changed
-        where = f"the best of the search, trial {result.searched_best}" if changed else "this point"
-        one = f"{agree} of {starts} starts of the search ended at {where}"
-        return [f"{one}." if agree > 1 else f"{one}: it may not be the best of the windows."]
+        return [f"{capitalised(sentence)}." for sentence in starts_sentences(result)]
     entries = (result.agreement or {}).items()
     reports = [f"{k.replace('_', ' ')} {number(v)}" for k, v in entries if isinstance(v, int | float | str)]
     return [f"The optimiser reports: {', '.join(reports)}."] if reports else []
+
+
+def starts_sentences(result: CalibrationResult) -> list[str]:
+    """Say at which point the starts of the search ended, if any did; nothing where it has no several starts."""
+    if result.starts is None:
+        return []
+    agree, starts = result.starts
+    if agree == 0:  # those that have ended count the best of them
+        one = "no start of the search has" if starts != 1 else "the one start of the search has not"
+        return [f"{one} come to its end: a larger budget may find a better point"]
+    if starts < 2:
+        return ["the search had one start only: another may end at another point"]
+    changed = result.confirmation is not None and result.confirmation.changed
+    where = f"the best of the search, trial {result.searched_best}" if changed else "this point"
+    one = f"{agree} of {starts} starts of the search ended at {where}"
+    return [one if agree > 1 else f"{one}: it may not be the best of the windows"]
 
 
 def _held_out(result: CalibrationResult) -> list[str]:

@@ -7,11 +7,12 @@ import xarray as xr
 
 from calib.confidence.window.document import WindowResult
 from calib.confidence.window.words import alone, bounds, mechanisms_in_words, percent, share_in_words, together
-from calib.report.formatting import capitalised, count
+from calib.report.formatting import capitalised
 from calib.report.pages.diagnosis.conclusion import MAX_RELATIVE_CHANGE
 from calib.report.pages.picture import Picture
 from calib.report.plots.window import window_figure
 from calib.study import CalibrationResult
+from calib.units import count
 
 WINDOW_CAPTION = (
     "Below the diagonal: slices through the calibrated point, coloured by what bounds the window; above it: share of "

@@ -19,7 +19,7 @@ from calib.report.pages.base_study import BaseStudy
 from calib.report.pages.page import render
 from calib.report.pages.sections import MAX_DRAWN_BODIES, excitation_text, noise_text, record_section
 from calib.report.pages.tables import fixed
-from calib.report.pages.verdict import verdict
+from calib.report.pages.verdict import starts_sentences, verdict
 from calib.store import Header
 from calib.store.environment import Environment
 from calib.study import CalibrationResult, UndeterminedGroup
@@ -178,6 +178,23 @@ def test_another_kind_of_motion_comes_before_any_distance(periodic):
     assert said.tone == "bad"
     assert "another kind of motion" in said.headline
     assert "period 2, which is not the measured kind in clapping" in said.points[0]
+
+
+@pytest.mark.parametrize(
+    ("agree", "starts", "said"),
+    [
+        (0, 0, "no start of the search has come to its end: a larger budget may find a better point"),
+        (0, 1, "the one start of the search has not come to its end: a larger budget may find a better point"),
+        (0, 3, "no start of the search has come to its end: a larger budget may find a better point"),
+        (1, 1, "the search had one start only: another may end at another point"),
+        (1, 3, "1 of 3 starts of the search ended at this point: it may not be the best of the windows"),
+        (2, 3, "2 of 3 starts of the search ended at this point"),
+    ],
+)
+def test_where_the_starts_of_a_search_ended_is_said_of_those_that_ended(agree, starts, said):
+    result = CalibrationResult(score=ScoreSummary(0.02), agreement={"agree": agree, "starts": starts})
+    assert starts_sentences(result) == [said]
+    assert f"{said[:1].upper()}{said[1:]}." in verdict(result).points
 
 
 def test_a_motion_without_a_period_is_not_said_to_have_an_excitation_without_one():

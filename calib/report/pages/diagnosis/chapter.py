@@ -7,7 +7,6 @@ import xarray as xr
 
 from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED
-from calib.report.formatting import count
 from calib.report.pages.diagnosis.conclusion import headline, named_extension, points, stale
 from calib.report.pages.diagnosis.extension import ExtensionSection, extension
 from calib.report.pages.diagnosis.misfit import (
@@ -35,6 +34,7 @@ from calib.report.pages.diagnosis.suspects import SuspectRows, outcome, strength
 from calib.report.pages.picture import Picture
 from calib.report.pages.verdict import Tone
 from calib.study import CalibrationResult, CalibrationStudy
+from calib.units import count
 
 TONES: Mapping[str, Tone] = {NAMED: "good", NONE: "good", ONE_OF: "mind", UNEXPLAINED: "mind"}
 QUESTIONS = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.document import AgreementResult, DiagnosisResult, GainResult, ShiftResult
 from calib.modelling.parameter import Parameter
-from calib.report.formatting import count, number, percent, signed, with_error
+from calib.report.formatting import number, percent, signed, with_error
 from calib.report.pages.diagnosis.conclusion import is_heterogeneous
 from calib.report.pages.diagnosis.sizes import (
     SHIFT_ERRORS,
@@ -16,7 +16,7 @@ from calib.report.pages.diagnosis.sizes import (
 )
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.extension import CommonSize, RecordSize, misfit_change, sizes_by_record, value_shifts
-from calib.units import shown_unit
+from calib.units import count, shown_unit
 
 GAIN = (
     "Misfit of data that the search for the cause did not use, before and after; only nuisances of those records "

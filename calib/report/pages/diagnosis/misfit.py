@@ -9,7 +9,7 @@ import xarray as xr
 from calib.diagnosis.clock import MAX_CLOCK_RATE
 from calib.diagnosis.document import DeviationResult, DiagnosisResult, GateResult
 from calib.objective import Reference
-from calib.report.formatting import count, percent, raised, rounded, signed, with_error
+from calib.report.formatting import percent, raised, rounded, signed, with_error
 from calib.report.pages.diagnosis.conclusion import remedy
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.diagnosed_cycles import compared_rows, rms_over_noise, state_rows
@@ -17,7 +17,7 @@ from calib.report.plots.diagnosed_loops import misfit_loops
 from calib.report.plots.diagnosed_residuals import residual_figure
 from calib.report.plots.diagnosed_responses import response_residual_figure
 from calib.report.plots.missing_force import is_significant, missing_accelerations, missing_force_figure
-from calib.units import reading
+from calib.units import count, reading
 
 MIN_SHOWN_Z = 3.0  # of a feature that is shown at once  [standard errors]
 MAX_SHOWN_FEATURES = 12  # shown at once

@@ -6,9 +6,10 @@ from calib.diagnosis.design_document import DesignVariableResult, MeasurementRes
 from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.laboratory import AMPLITUDE_RANGE, FREQUENCY_RANGE, RELEASE_RANGE
 from calib.diagnosis.measurement import DECISIVE_Z
-from calib.report.formatting import count, number, quantity, signed
+from calib.report.formatting import number, quantity, signed
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.separation import separation_lines, separation_map
+from calib.units import count
 
 MIN_ROUNDED_Z = 1.0  # of a predicted separation, below which it is written to two digits  [standard deviations]
 SEPARATION_MAP = (
