@@ -119,7 +119,7 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
     """Write an SI value in the unit that people read: ``shown(0.00123, "m")`` is ``"1.23 mm"``."""
     if value is None:
         return "-"
-    factor, name = reading(unit, value)
+    factor, name = reading(unit, float(f"{value:.{digits}g}"))  # of the number as it is written
     return f"{plain_number(factor * value, digits)} {name}".rstrip()
 
 
