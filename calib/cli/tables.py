@@ -11,7 +11,7 @@ from rich.table import Table
 
 from calib.cli.status import StudyStatus
 from calib.dynamics.curves import BifurcationCurve
-from calib.modelling.parameter import ABOVE_ZERO, Parameter
+from calib.modelling.parameter import Parameter
 from calib.objective import MISFIT
 from calib.records import OK
 from calib.report.pages.verdict import far_sentences, residual_sentences, starts_sentences
@@ -160,17 +160,8 @@ def show_thing(facts: Iterable[tuple[str, str]], parameters: Sequence[Parameter]
     if parameters:
         table = Table("parameter", "unit", "nominal", "allowed", "meaning")
         for p in parameters:
-            table.add_row(escape(p.name), p.unit, f"{p.nominal:.6g}", _allowed(p), escape(p.meaning))
+            table.add_row(escape(p.name), p.unit, f"{p.nominal:.6g}", escape(p.interval), escape(p.meaning))
         console.print(table)
-
-
-def _allowed(parameter: Parameter) -> str:
-    low, high = parameter.low, parameter.high
-    if math.isinf(low) and math.isinf(high):
-        return "any"
-    if low == ABOVE_ZERO:
-        return "above 0" if math.isinf(high) else f"above 0, up to {high:g}"
-    return f"from {low:g}" if math.isinf(high) else f"up to {high:g}" if math.isinf(low) else f"{low:g} .. {high:g}"
 
 
 def show_curves(

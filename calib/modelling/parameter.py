@@ -38,8 +38,9 @@ class Parameter:
 
     @property
     def interval(self) -> str:
-        """The bounds as text, such as "[0, 1]", or "(0, inf]" where zero is excluded  [its unit]."""
-        return f"{'(0' if self.low == ABOVE_ZERO else f'[{self.low:g}'}, {self.high:g}]"
+        """The bounds as text, such as "[0, 1]", or "(0, inf)" where neither is among the values  [its unit]."""
+        low = "(0" if self.low == ABOVE_ZERO else f"{'(' if math.isinf(self.low) else '['}{self.low:g}"
+        return f"{low}, {self.high:g}{')' if math.isinf(self.high) else ']'}"
 
 
 @dataclass(frozen=True)

@@ -377,8 +377,8 @@ def test_list_shows_what_a_study_may_name():
 @pytest.mark.parametrize(
     ("name", "row"),
     [
-        ("four_dof", ["restitution", "1", "0.05", "0 .. 1", "Newton's coefficient of restitution, beam and layer"]),
-        ("gap_offset", ["dg", "m", "0", "any", "change of the gap, positive where it is wider"]),
+        ("four_dof", ["restitution", "1", "0.05", "[0, 1]", "Newton's coefficient of restitution, beam and layer"]),
+        ("gap_offset", ["dg", "m", "0", "(-inf, inf)", "change of the gap, positive where it is wider"]),
     ],
 )
 def test_list_says_more_about_one(name, row):

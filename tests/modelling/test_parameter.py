@@ -6,9 +6,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError
-from calib.modelling.parameter import Space, Window, values_for
+from calib.modelling.parameter import ABOVE_ZERO, Parameter, Space, Window, values_for
 
 SPACE = Space({"e": Window(0.0, 0.6), "c": Window(1e-3, 1e2, "log")}, {"gap": 1e-3})
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [
+        (0.0, 1.0, "[0, 1]"),
+        (ABOVE_ZERO, 0.5, "(0, 0.5]"),
+        (ABOVE_ZERO, math.inf, "(0, inf)"),
+        (-0.999, math.inf, "[-0.999, inf)"),
+        (-math.inf, 2.0, "(-inf, 2]"),
+        (-math.inf, math.inf, "(-inf, inf)"),
+    ],
+)
+def test_an_interval_excludes_what_no_value_may_be(low, high, text):
+    parameter = Parameter("k", "N/m", 1.0, "stiffness", low=low, high=high)
+    assert parameter.interval == text
+    assert [parameter.admits(end) for end in (low, high)] == [low > -math.inf, high < math.inf]
 
 
 @settings(deadline=None)
