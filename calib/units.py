@@ -31,6 +31,8 @@ EXPONENT_SIGN = re.compile(r"(?<=[\d.])[eE][+-](?=\d)")
 SUM = re.compile(r"[^\s(*/^]\s*[+-]")  # a sign between two terms
 NEWTON_PRODUCT = re.compile(r"\b([kM]?N)(mm?|s)\b")  # of which the registry makes other units, if any
 TURN = "turn"  # name in the registry of a cycle and a revolution too
+RATES_OF_TURNS = ("revolutions_per_minute", "revolutions_per_second")  # names in the registry of rpm and rps
+RADIANS_PER_TURN = 2.0 * math.pi  # rad
 
 COMMON_UNITS = (
     "m",
@@ -86,9 +88,10 @@ def to_si(quantity: str | float, unit: str) -> float:
 
     Raises
     ------
-    CalibError : no number, more than one, as in ``"5 mm +- 1 mm"``, an unknown unit, another dimension, or hertz or
-        turns a second on one side only. Cycles and radians have no dimension, so 26.24 Hz would silently become
-        26.24 rad/s, and 26.24 cycle/s 164.9 1/s; such a conversion is always refused.
+    CalibError : no number, more than one, as in ``"5 mm +- 1 mm"``, an unknown unit, another dimension, hertz for
+        another rate or another rate for hertz, or turns a second for 1/s. Cycles and radians have no dimension, so
+        26.24 Hz would silently become 26.24 rad/s, and 26.24 cycle/s 164.9 1/s. Turns a second (rev/min, rpm) are taken
+        for rad/s, 2 pi of which they are, and for hertz, one of which each is.
     """
     if hasattr(quantity, "item") and getattr(quantity, "size", 0) == 1:  # a number of numpy's, or an array of one
         quantity = quantity.item()
@@ -103,13 +106,16 @@ def to_si(quantity: str | float, unit: str) -> float:
     if not given.is_compatible_with(expected):
         remedy = _newton_product(quantity) or "; mend the unit"
         raise CalibError(f"expected a quantity that can be given in {unit or '1'}, got {quantity!r}{remedy}")
-    if _hertz(given) != _hertz(expected) or _turns_a_second(given) != _turns_a_second(expected):
+    turns, hertz = _turns_a_second(given), _hertz(expected)
+    as_hertz = turns and turns == hertz and not _hertz(given)
+    as_turns = _hertz(given) == hertz and (turns == _turns_a_second(expected) or turns and turns == _radians(expected))
+    if not (as_hertz or as_turns):
         raise CalibError(
             f"{quantity!r} is not converted to {unit or '1'}: hertz counts cycles, as turns a second do, and 1 Hz may "
             f"mean 1/s or 2 pi rad/s; work it out and write it in {unit or '1'}"
         )
     try:
-        value = float(given.m_as(expected.units))
+        value = float(given.m_as(expected.units)) * (RADIANS_PER_TURN**-turns if as_hertz else 1.0)
     except (OverflowError, TypeError) as error:  # an integer beyond the range of float, or a complex number
         raise CalibError(f"{quantity!r} is no real number of {unit or '1'} that can be represented") from error
     return _number(value, quantity, unit)
@@ -272,11 +278,18 @@ def _hertz(quantity: "pint.Quantity") -> float:
 
 
 def _turns_a_second(quantity: "pint.Quantity") -> float:
-    """Power of turns, cycles or revolutions in a quantity's unit, where time has one of the other sign [1]."""
+    """Power of rates of turns, cycles or revolutions in a quantity's unit; one of turns needs a time to it [1]."""
     powers: list[tuple[str, Any]] = list(quantity.unit_items())
     turns = float(sum(power for name, power in powers if name == TURN))
     times = (power for name, power in powers if _registry().get_dimensionality(name) == {"[time]": 1})
-    return turns if any(turns * power < 0.0 for power in times) else 0.0
+    rates = float(sum(power for name, power in powers if name.endswith(RATES_OF_TURNS)))
+    return rates + (turns if any(turns * power < 0.0 for power in times) else 0.0)
+
+
+def _radians(quantity: "pint.Quantity") -> float:
+    """Power of radians in a quantity's unit [1]."""
+    powers: list[tuple[str, Any]] = list(quantity.unit_items())
+    return float(sum(power for name, power in powers if name == "radian"))
 
 
 def _number(value: float, quantity: str | float, unit: str) -> float:

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError
-from calib.units import count, shown, to_si
+from calib.units import count, in_si, shown, to_si
 
 
 @pytest.mark.parametrize(
@@ -50,13 +50,38 @@ def test_a_bare_number_is_si_already(number):
 
 @pytest.mark.parametrize(
     ("text", "unit"),
-    [("26.24 Hz", "rad/s"), ("26.24 Hz", "1/s"), ("164.9 rad/s", "Hz"), ("60 rpm", "Hz"), ("5 1/s", "Hz"),
-     ("26 cycle/s", "1/s"), ("26 turn/s", "rad/s"), ("26 revolution/s", "1/s"), ("26 rev/s", "rad/s"),
-     ("26 cycle/s", "Hz"), ("1560 rev/min", "1/s")],
+    [("26.24 Hz", "rad/s"), ("26.24 Hz", "1/s"), ("164.9 rad/s", "Hz"), ("60 rpm", "1/s"), ("5 1/s", "Hz"),
+     ("26 cycle/s", "1/s"), ("26 revolution/s", "1/s"), ("1560 rev/min", "1/s"), ("5 rad/s", "turn/s"),
+     ("26 rev/s", "Hz^2 s"), ("26 Hz", "rpm")],
 )  # fmt: skip
 def test_hertz_is_never_converted_to_another_rate(text, unit):
     with pytest.raises(CalibError, match="hertz counts cycles"):
         to_si(text, unit)
+
+
+@pytest.mark.parametrize("text", ["1500 rev/min", "1500 rpm", "25 rev/s", "25 turn/s", "25 cycle/s", "90000 rev/h"])
+@pytest.mark.parametrize(("unit", "value"), [("rad/s", 50.0 * math.pi), ("Hz", 25.0)])
+def test_a_speed_of_rotation_is_an_angular_velocity_and_a_frequency(text, unit, value):
+    assert to_si(text, unit) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("2 N/rpm", "N/Hz", 120.0),
+        ("2 N/rpm", "N s/rad", 60.0 / math.pi),
+        ("3 mm s/rev", "m/Hz", 3e-3),
+        ("1 rev/s^2", "rad/s^2", 2.0 * math.pi),
+        ("1 rev/s^2", "Hz/s", 1.0),
+    ],
+)
+def test_units_that_contain_a_speed_of_rotation_are_converted_too(text, unit, value):
+    assert to_si(text, unit) == pytest.approx(value, rel=1e-12)
+
+
+def test_a_column_in_revolutions_a_minute_has_a_factor():
+    assert in_si("rpm", "Hz") == pytest.approx(1.0 / 60.0)
+    assert in_si("rev/min") == in_si("rpm") == pytest.approx(math.pi / 30.0)
 
 
 @pytest.mark.parametrize(
