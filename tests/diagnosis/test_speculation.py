@@ -20,11 +20,13 @@ from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.speculation import SpeculativePool
 from calib.execution.pool import RAISED, Failure, InProcess, in_order
 from calib.execution.pools.local import LocalPool
+from calib.execution.suspension import suspended
 
 
 @pytest.fixture(autouse=True)
 def no_thread_is_left():
     """A process in the background of a script begins deaf to Ctrl-C."""
+    suspended()  # its thread is that of the process, and lives on after the first pool that asks for it
     deaf, threads = signal.signal(signal.SIGINT, signal.default_int_handler), threading.active_count()
     yield
     signal.signal(signal.SIGINT, deaf)
