@@ -134,6 +134,8 @@ def response(study: Path, over: str, **options: Any) -> None:
     velocity: many times faster, up to where a rigid stop is touched. What its harmonics leave out is measured by
     shooting, and said.
 
+    Levels that are done are kept until all are: after a run that was stopped or killed, the same command goes on.
+
     \b
     Example:  calib response studies/minimal --over frequency=20:32 --levels 50%,100%,200%
               calib response studies/minimal --over frequency=20:32 --levels 5% --method harmonic-balance

@@ -1,7 +1,11 @@
 """A frequency response from the command line: its file, its pictures, and what is on it."""
 
-from collections.abc import Iterator, Sequence
+import hashlib
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import click
 import numpy as np
@@ -15,6 +19,7 @@ from calib.dynamics.response import (
     AMPLITUDE,
     FrequencyResponse,
     Irregular,
+    LevelKeeper,
     ResponseBranch,
     Truncation,
     frequency_response,
@@ -25,9 +30,13 @@ from calib.errors import CalibError
 from calib.execution.netcdf import write_dataset
 from calib.report.plots.response import response_figure
 from calib.report.plots.style import DPI
+from calib.store.environment import environment
+from calib.store.kept_results import KeptResults
 from calib.study_file import load
-from calib.units import shown
+from calib.units import count, shown
 
+T = TypeVar("T")
+LEVELS_FORMAT_VERSION = 1  # of the levels that are kept: those of another are followed anew
 SHOOTING = "shooting"  # the method that is no harmonic balance
 SHOT_HARMONICS, BALANCED_HARMONICS = 3, 7  # the highest that is kept of a motion, and of a series, without --harmonics
 
@@ -62,17 +71,26 @@ def respond(
     amplitudes = response_levels(levels, held)
     path = output or (out or file.folder) / "response.nc"
     spare_other_files(path, "branch_level", "calib response")
-    kept = harmonics or (SHOT_HARMONICS if method == SHOOTING else BALANCED_HARMONICS)
-    response = _followed(held, window, amplitudes, method, kept, steps, most, isolas)
-    for line in described(response, drawn):
-        click.echo(line)
-    if not response.branches:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    highest = harmonics or (SHOT_HARMONICS if method == SHOOTING else BALANCED_HARMONICS)
+    identity = [
+        LEVELS_FORMAT_VERSION, held.definition(), file.study.code, environment(), window, method, highest, steps, most,
+        isolas, None if method == SHOOTING else max(amplitudes),
+    ]  # fmt: skip
+    with KeptResults(path.with_name(f"{path.name}.levels"), identity) as kept:
+        if kept.known:
+            click.echo(f"going on with {count(kept.known, 'level')} of a run that did not end", err=True)
+        response = _followed(held, window, amplitudes, method, highest, steps, most, isolas, partial(_kept, kept))
+        for line in described(response, drawn):
+            click.echo(line)
+        dataset = response_dataset(response).assign_attrs(model=held.model.name) if response.branches else None
+        if dataset is not None:
+            write_dataset(dataset, path)
+        kept.remove()
+    if dataset is None:
         low, high = (shown(end, "Hz") for end in window)
         click.echo(f"no periodic motion is followed from {low} to {high}: nothing is written")
         return False
-    path.parent.mkdir(parents=True, exist_ok=True)
-    dataset = response_dataset(response).assign_attrs(model=held.model.name)
-    write_dataset(dataset, path)
     click.echo(f"response: {path}")
     for body in drawn:
         picture = path.with_name(f"{path.stem}_{body}.png")
@@ -90,6 +108,7 @@ def _followed(
     steps: int,
     most: int,
     isolas: bool,
+    keep: LevelKeeper,
 ) -> FrequencyResponse:
     """Follow the motions by shooting or by harmonic balance, and say on standard error what is being worked on."""
     unit = held.unit(AMPLITUDE)
@@ -99,11 +118,25 @@ def _followed(
 
     if method == SHOOTING:
         return frequency_response(
-            held, window, levels, harmonics=harmonics, steps=steps, most=most, isolas=isolas, on_level=on_level
-        )
+            held, window, levels, harmonics=harmonics, steps=steps, most=most, isolas=isolas, on_level=on_level,
+            keep=keep,
+        )  # fmt: skip
     if isolas:
         raise CalibError("--isolas: curves apart from the others are sought by shooting; drop --method or --isolas")
-    return balanced_response(held, window, levels, harmonics=harmonics, steps=steps, most=most, on_level=on_level)
+    return balanced_response(
+        held, window, levels, harmonics=harmonics, steps=steps, most=most, on_level=on_level, keep=keep
+    )
+
+
+def _kept(kept: KeptResults, level: float, follow: Callable[[], T]) -> T:
+    """What is followed at a level, from the file of an earlier run where it is there."""
+    key = hashlib.sha256(repr(float(level)).encode()).digest()
+    if key in kept:
+        found: T = pickle.loads(kept.get(key))
+        return found
+    followed = follow()
+    kept.add(key, pickle.dumps(followed))
+    return followed
 
 
 def described(response: FrequencyResponse, bodies: Sequence[str]) -> Iterator[str]:

@@ -22,11 +22,13 @@ from calib.dynamics.response import (
     AmplitudeAt,
     FrequencyResponse,
     Irregular,
+    LevelKeeper,
     ResponseBranch,
     Truncation,
     as_measured,
     check_window,
     constant,
+    followed_anew,
 )
 from calib.dynamics.series_curve import (
     AT_STOP,
@@ -53,6 +55,7 @@ def balanced_response(
     most: int = 400,
     amplitude: AmplitudeAt = constant,
     on_level: Callable[[float, int], None] = lambda level, done: None,
+    keep: LevelKeeper = followed_anew,
 ) -> FrequencyResponse:
     """Response of the motions that have the period of the excitation, by harmonic balance.
 
@@ -61,7 +64,8 @@ def balanced_response(
     setting : whose period map tells its modal system: four_dof and oscillator out of contact or with a compliant stop
     harmonics : of the series
     steps : frequencies at which motions are sought that the branches begin with
-    window, levels, most, amplitude, on_level : as those of `calib.dynamics.response.frequency_response`
+    window, levels, most, amplitude, on_level, keep : as those of `calib.dynamics.response.frequency_response`; the
+        result of a level depends on the highest one too, by round-off
 
     Raises
     ------
@@ -75,13 +79,18 @@ def balanced_response(
     branches: list[ResponseBranch] = []
     irregular: list[Irregular] = []
     left_out = Truncation(harmonics, 0.0, math.nan, math.nan)
-    for done, level in enumerate(sorted(set(levels))):
-        on_level(level, done)
+
+    def followed(level: float) -> tuple[list[ResponseBranch], list[Irregular], list[Truncation]]:
         search = _SeriesSearch(setting, balance, window, unit_level, level, steps, most, amplitude)
         search.search()
-        branches += search.branches
-        irregular += search.irregular
-        left_out = max([left_out, *search.checks], key=lambda check: check.largest)
+        return search.branches, search.irregular, search.checks
+
+    for done, level in enumerate(sorted(set(levels))):
+        on_level(level, done)
+        own, others, checks = keep(level, partial(followed, level))
+        branches += own
+        irregular += others
+        left_out = max([left_out, *checks], key=lambda check: check.largest)
     return FrequencyResponse(bodies, window, setting.unit(AMPLITUDE), tuple(branches), tuple(irregular), left_out)
 
 

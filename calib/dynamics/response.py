@@ -8,7 +8,7 @@ grazes; what the motion settles to beyond is followed, too.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ MAX_LEVEL_RATIO = 3.0  # of the highest level of such a curve over that at which
 
 FREQUENCY, AMPLITUDE = "excitation.frequency", "excitation.amplitude"
 AmplitudeAt = Callable[[float, float], float]
+T = TypeVar("T")
 
 
 def constant(level: float, frequency: float) -> float:
@@ -126,6 +127,18 @@ class FrequencyResponse:
         return tuple(sorted({branch.level for branch in self.branches}))
 
 
+class LevelKeeper(Protocol):
+    """Returns what is followed at a level, be it kept from before."""
+
+    def __call__(self, level: float, follow: Callable[[], T]) -> T:
+        """Result of `follow` at a level."""
+
+
+def followed_anew(level: float, follow: Callable[[], T]) -> T:
+    """Result of `follow`, kept nowhere."""
+    return follow()
+
+
 def frequency_response(
     setting: Setting,
     window: tuple[float, float],
@@ -137,6 +150,7 @@ def frequency_response(
     isolas: bool = False,
     amplitude: AmplitudeAt = constant,
     on_level: Callable[[float, int], None] = lambda level, done: None,
+    keep: LevelKeeper = followed_anew,
 ) -> FrequencyResponse:
     """Response of the periodic motions over the frequency of the excitation at each level.
 
@@ -153,6 +167,7 @@ def frequency_response(
     amplitude : of the excitation at a level and a frequency [Hz], in its unit: a shaker that is held at an amplitude of
         acceleration or a force that sags at resonance has another one at each frequency
     on_level : called as the work on a level begins, with the number of those that are done
+    keep : may return the result of a level from before; it depends on all that is given here but the other levels
 
     Raises
     ------
@@ -163,18 +178,24 @@ def frequency_response(
     sampled(setting, setting.map())
     branches: list[ResponseBranch] = []
     irregular: list[Irregular] = []
-    for done, level in enumerate(sorted(set(levels))):
-        on_level(level, done)
+
+    def followed(level: float) -> tuple[list[ResponseBranch], list[Irregular]]:
         search = _LevelSearch(setting, window, level, steps, most, amplitude)
         search.sweep()
         found = len(search.branches)
         if isolas:
             search.continue_in_level()
-        branches += [
+        own = [
             _response(setting, level, branch, harmonics, amplitude, isolated=i >= found)
             for i, branch in enumerate(search.branches)
         ]
-        irregular += search.irregular
+        return own, search.irregular
+
+    for done, level in enumerate(sorted(set(levels))):
+        on_level(level, done)
+        own, others = keep(level, partial(followed, level))
+        branches += own
+        irregular += others
     return FrequencyResponse(setting.map().bodies, window, setting.unit(AMPLITUDE), tuple(branches), tuple(irregular))
 
 

@@ -8,7 +8,8 @@ from click.testing import CliRunner
 from calib import records
 from calib.cli import main
 from calib.cli.response import described
-from calib.dynamics.response import FrequencyResponse, Irregular
+from calib.dynamics.harmonic_response import _SeriesSearch
+from calib.dynamics.response import FrequencyResponse, Irregular, _LevelSearch
 from calib.records.excitation import Excitation
 from calib.simulators.oscillator.oscillator import Oscillator
 
@@ -112,6 +113,52 @@ def test_a_damaged_file_of_an_earlier_run_is_named_with_what_to_do(study):
     assert "not a readable netCDF file" in said
     assert "remove it or choose another name" in said
     assert damaged.stat().st_size == 3000
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """Levels that are searched; of those in the second list the search is stopped. No picture is drawn."""
+    begun, stopped = [], []
+
+    def wrapped(search):
+        def recorded(own):
+            begun.append(own.level)
+            if own.level in stopped:
+                raise KeyboardInterrupt
+            search(own)
+
+        return recorded
+
+    for kind, name in ((_LevelSearch, "sweep"), (_SeriesSearch, "search")):
+        monkeypatch.setattr(kind, name, wrapped(getattr(kind, name)))
+    monkeypatch.setattr("calib.cli.response.bodies_drawn", lambda *given: [])
+    return begun, stopped
+
+
+@pytest.mark.parametrize("method", ["shooting", "harmonic-balance"])
+def test_a_response_that_was_stopped_goes_on_from_the_levels_that_are_done(study, searched, method):
+    (begun, stopped), whole, path = searched, study / "whole.nc", study / "response.nc"
+    command = ["response", study, "--over", "frequency=2.5:3", "--levels", "0.1 N,0.2 N", "--steps", 2, "--most", 3,
+               "--set", "damping=1", "--method", method, "-o"]  # fmt: skip
+    stopped.append(0.2)
+    CliRunner().invoke(main, [str(a) for a in (*command, path)])
+    assert not path.exists()
+    stopped.clear()
+    assert calib(*command, path).stderr.splitlines()[0] == "going on with 1 level of a run that did not end"
+    calib(*command, whole)
+    assert begun == [0.1, 0.2, 0.2, 0.1, 0.2]
+    with xr.open_dataset(whole) as expected, xr.open_dataset(path) as response:
+        xr.testing.assert_identical(response, expected)
+    assert not list(study.glob("*.levels"))
+
+
+def test_levels_that_were_followed_otherwise_are_followed_anew(study, searched):
+    begun, stopped = searched
+    stopped.append(0.2)
+    for most in (3, 4, 4):
+        command = ["response", study, "--over", "frequency=2.5:3", "--levels", "0.1 N,0.2 N", "--steps", 2]
+        CliRunner().invoke(main, [str(a) for a in (*command, "--most", most)])
+    assert begun == [0.1, 0.2, 0.1, 0.2, 0.2]
 
 
 def test_a_level_that_is_given_twice_is_followed_once(study):
