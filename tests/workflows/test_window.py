@@ -13,11 +13,13 @@ import pytest
 from child_environment import environment
 from click.testing import CliRunner
 from echo_study import write_study
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from undrawn import undrawn
 
 from calib.cli import main
 from calib.confidence.window.document import WINDOW_END, WindowResult, read_window
 from calib.execution.netcdf import read_dataset
+from calib.report.plots.window import window_figure
 from calib.study.evaluation import evaluate
 from calib.study_file import load
 from calib.workflows.study import Calibration
@@ -85,6 +87,23 @@ def test_each_parameter_has_its_tolerance_and_the_file_round_trips(windowed):
     assert dataset.slice_probability.shape == (1, 41, 41)
     assert (folder / "out" / "window.png").stat().st_size > 10_000
     assert "How far the parameters may vary" in (folder / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("causes", [1, 4])
+def test_names_title_and_legend_lie_within_the_picture_and_apart(windowed, causes):
+    folder, _ = windowed
+    dataset = read_dataset(folder / "out" / "window.nc")
+    labels = [f"misfit of phase_curve of q{k}, q{k + 1}" for k in range(causes)]
+    dataset = dataset.assign(slice_mechanism_label=("cause", labels))
+    figure = window_figure(read_window(folder / "out"), dataset)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    panels = [axes.get_tightbbox(canvas.get_renderer()) for axes in figure.axes]
+    [legend], title = figure.legends, figure._suptitle
+    boxes = [*panels, legend.get_window_extent(), title.get_window_extent(canvas.get_renderer())]
+    assert all(box.x0 >= 0.0 and box.x1 <= figure.bbox.width for box in boxes)
+    assert all(box.y0 >= 0.0 and box.y1 <= figure.bbox.height for box in boxes)
+    assert max(box.y1 for box in panels) <= boxes[-2].y0 <= boxes[-2].y1 <= boxes[-1].y0
 
 
 @pytest.mark.slow

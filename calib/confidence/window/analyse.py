@@ -168,7 +168,7 @@ def _remarks(
         )
     if share.value and share.misclassified > MAX_RELATIVE_UNCERTAINTY * share.value:
         remarks.append(
-            f"{share.misclassified / share.value:.0%} of the admissible volume may be on the wrong side of the "
+            f"{percent(share.misclassified / share.value)} of the admissible volume may be on the wrong side of the "
             "boundary: a larger --budget goes on from here"
         )
     return remarks

@@ -64,7 +64,7 @@ def exact_in_words(faces: ExactFaces) -> str:
 
 def mechanisms_in_words(mechanisms: Mapping[str, float], most: int = 2) -> str:
     """Name the most frequent mechanisms with their shares."""
-    return ", ".join(f"{name} {share:.0%}" for name, share in list(mechanisms.items())[:most])
+    return ", ".join(f"{name} {percent(share)}" for name, share in list(mechanisms.items())[:most])
 
 
 def _relative(value: float, low: float, high: float, open: bool = False) -> str:

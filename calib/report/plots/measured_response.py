@@ -8,13 +8,12 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from calib.execution.files import whole
 from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
-from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, png
+from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, fitted_legend, png
 from calib.report.record_description import level_text
 from calib.units import shown_unit
 
@@ -22,7 +21,6 @@ SWEEPS = mpl.colormaps["viridis"]  # colours of the sweeps, by rising level
 LIGHTEST_SWEEP = 0.82  # of the colour map: the yellow beyond it is too light on white  [1]
 MAX_LEGEND_SWEEPS = 12  # count: six levels up and down
 MAX_LEGEND_COLUMNS = 5  # count
-MAX_LEGEND_WIDTH = 0.97  # of a legend over that of its figure, which leaves the margins free  [1]
 BAR_SIGMAS = 2.0  # standard uncertainties on either side of a point
 UP, DOWN = "^", "v"  # markers of points of a sweep up and down
 
@@ -99,14 +97,9 @@ def sweep_legend(figure: Figure, measured: xr.Dataset, *others: Artist) -> None:
 
     It has as many columns as the width of the figure has room for.
     """
-    renderer, handles = FigureCanvasAgg(figure).get_renderer(), [*_entries(measured), *others]
-    for columns in range(min(MAX_LEGEND_COLUMNS, len(handles)), 0, -1):
-        legend = figure.legend(handles=handles, loc="outside upper right", ncols=columns, columnspacing=1.4)
-        size = legend.get_window_extent(renderer)
-        if size.width <= MAX_LEGEND_WIDTH * figure.bbox.width or columns == 1:
-            break
-        legend.remove()
-    figure.set_figheight(figure.get_figheight() + size.height / figure.dpi)
+    handles = [*_entries(measured), *others]
+    drawn = fitted_legend(figure, handles, MAX_LEGEND_COLUMNS, loc="outside upper right", columnspacing=1.4)
+    figure.set_figheight(figure.get_figheight() + drawn.get_window_extent().height / figure.dpi)
 
 
 def _entries(measured: xr.Dataset) -> list[Artist]:

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterMathtext, LogLocator, NullFormatter, StrMethodFormatter
 
@@ -33,6 +35,7 @@ BASE_LOOK: Look = {"color": "#E69F00", "linewidth": 1.0, "linestyle": (0, (4, 1.
 DPI = 150  # dots per inch of figures in files of their own
 SVG_DPI = 160  # of images within an SVG element
 TEXT_WIDTH = 7.4  # inch: the text width of an A4 page
+MAX_LEGEND_WIDTH = 0.97  # of a legend over that of its figure, which leaves the margins free  [1]
 MAX_SAMPLE_DOTS = 700  # measured samples drawn as dots in one panel
 MAX_LINE_SAMPLES = 1500  # points of a drawn line
 STYLE: "dict[RcKeyType, Any]" = {
@@ -150,6 +153,26 @@ def legend(figure: Figure | SubFigure, simulated: bool, base: bool = False) -> N
     if base:
         handles.append(Line2D([], [], label="without the extension", **BASE_LOOK))
     figure.legend(handles=handles, loc="outside upper right", ncols=3, columnspacing=1.2, handletextpad=0.5)
+
+
+def fitted_legend(
+    figure: Figure, handles: list[Artist], most: int, room: float = MAX_LEGEND_WIDTH, **look: Any
+) -> Legend:
+    """Draw a legend above the panels, of as many columns as the width of the figure has room for.
+
+    Parameters
+    ----------
+    most : columns
+    room : for the legend, over the width of the figure  [1]
+    look : keyword arguments of `Figure.legend`
+    """
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for columns in range(min(most, len(handles)), 1, -1):
+        drawn = figure.legend(handles=handles, ncols=columns, **look)
+        if drawn.get_window_extent(renderer).width <= room * figure.bbox.width:
+            return drawn
+        drawn.remove()
+    return figure.legend(handles=handles, ncols=1, **look)
 
 
 def svg(figure: Figure, name: str, outlines: bool = False) -> str:

@@ -3,6 +3,7 @@
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -13,11 +14,16 @@ from matplotlib.ticker import MaxNLocator
 from calib.confidence.window.document import ParameterTolerance, WindowResult
 from calib.confidence.window.words import percent
 from calib.report.plots.continuation import SPECIAL, stability_line
-from calib.report.plots.style import FAILED, LINE, MARK, STYLE, Look, label_powers
-from calib.units import shown_unit
+from calib.report.plots.style import FAILED, LINE, MARK, STYLE, Look, fitted_legend, label_powers
+from calib.units import count, shown_unit
 
 WINDOW_PANEL = 1.45  # inch, side of a panel
-LEGEND_COLUMNS = 3  # at most; one fewer than panels beside each other fits into the width
+LEAST_WIDTH = 4.2  # inch, of the figure: that of the longest entry of the legend
+PANEL_LABELS, LEFT_LABELS = 0.5, 0.74  # inch, below the panels and on their left
+LEGEND_GAP = 0.12  # inch, between legend and panels
+TITLE_HEIGHT = 0.42  # inch
+LEGEND_COLUMNS = 3  # at most
+LEGEND_ROOM = 0.96  # right end of the legend over the width of the figure; letters of a browser may be wider  [1]
 PROJECTION_CELLS = 20  # along each side of a projection
 INSIDE_COLOUR = "#0072B2"
 CAUSE_COLOURS = ("#E69F00", "#CC79A7", "#009E73", "#F0E442", "#56B4E9", "#999999")  # of what bounds the window
@@ -35,9 +41,9 @@ def window_figure(result: WindowResult, dataset: xr.Dataset) -> Figure:
     names = list(map(str, dataset.parameter.values))
     dim, causes = len(names), list(map(str, dataset.slice_mechanism_label.values))
     with mpl.rc_context({**STYLE, "axes.grid": False, "axes.spines.top": True, "axes.spines.right": True}):
-        figure = Figure(figsize=(WINDOW_PANEL * dim + 1.6, WINDOW_PANEL * dim + 1.6))
+        width, height = max(WINDOW_PANEL * dim + 1.6, LEAST_WIDTH), (WINDOW_PANEL + 0.12) * dim
+        figure = Figure(figsize=(width, height))
         panels = figure.subplots(dim, dim, squeeze=False)
-        figure.subplots_adjust(left=0.1, right=0.985, bottom=0.1, top=0.86, wspace=0.12, hspace=0.12)
         for row in range(dim):
             for column in range(dim):
                 axes = panels[row, column]
@@ -48,21 +54,32 @@ def window_figure(result: WindowResult, dataset: xr.Dataset) -> Figure:
                 else:
                     _draw_projection(axes, result, dataset, (column, row))
                 _label(axes, result, dataset, row, column)
-        title = f"{result.name}: {percent(result.share)} of the box is admissible, 95 % interval "
-        title += f"{percent(result.share_low)} to {percent(result.share_high)} ({result.points} points)"
-        figure.suptitle(title, x=0.1, ha="left", fontsize=10)
-        figure.legend(
-            handles=[*_legend(causes), *_exact_legend(dataset)],
-            loc="upper left", bbox_to_anchor=(0.095, 0.965), ncols=max(1, min(dim - 1, LEGEND_COLUMNS)), fontsize=7.5,
-            borderpad=0.0, handlelength=1.4, columnspacing=1.2,
-        )  # fmt: skip
+        _head(figure, result, [*_legend(causes), *_exact_legend(dataset)], height)
     return figure
 
 
-def _legend(causes: list[str]) -> list[Patch | Line2D]:
-    handles: list[Patch | Line2D] = [
-        Patch(color=INSIDE_COLOUR, label="admissible (below: slice, above: volume of the others)")
-    ]
+def _head(figure: Figure, result: WindowResult, handles: list[Artist], height: float) -> None:
+    """Write title and legend above the panels, for which the figure grows; these take `height`  [inch]."""
+    left = LEFT_LABELS / figure.get_figwidth()
+    legend = fitted_legend(
+        figure, handles, LEGEND_COLUMNS, LEGEND_ROOM - left, loc="upper left", fontsize=7.5, borderpad=0.0,
+        handlelength=1.4, columnspacing=1.2,
+    )  # fmt: skip
+    top = TITLE_HEIGHT + legend.get_window_extent().height / figure.dpi + LEGEND_GAP
+    whole = PANEL_LABELS + height + top
+    figure.set_figheight(whole)
+    legend.set_bbox_to_anchor((left, 1.0 - TITLE_HEIGHT / whole))
+    figure.subplots_adjust(
+        left=left, right=0.985, bottom=PANEL_LABELS / whole, top=1.0 - top / whole, wspace=0.12, hspace=0.12
+    )
+    title = f"{result.name}: {percent(result.share)} of the box is admissible"
+    interval = f"95 % interval {percent(result.share_low)} to {percent(result.share_high)}"
+    text = f"{title}\n{interval} ({count(result.points, 'point')})"
+    figure.suptitle(text, x=left, y=1.0 - 0.08 / whole, ha="left", va="top", fontsize=9)
+
+
+def _legend(causes: list[str]) -> list[Artist]:
+    handles: list[Artist] = [Patch(color=INSIDE_COLOUR, label="admissible (below: slice, above: volume of the others)")]
     handles += [Patch(color=_pale(k), label=f"outside: {cause}") for k, cause in enumerate(causes)]
     handles += [
         Line2D([], [], color=LINE, linewidth=1.2, label="boundary (dotted: 5 and 95 %)"),
@@ -76,7 +93,7 @@ def _legend(causes: list[str]) -> list[Patch | Line2D]:
     return handles
 
 
-def _exact_legend(dataset: xr.Dataset) -> list[Line2D]:
+def _exact_legend(dataset: xr.Dataset) -> list[Artist]:
     kinds = sorted({kind for kind, _ in _exact_kinds(dataset)})
     return [Line2D([], [], color=SPECIAL[kind][1], linewidth=1.5, label=f"{kind}, by continuation") for kind in kinds]
 
@@ -198,10 +215,10 @@ def _label(axes: Axes, result: WindowResult, dataset: xr.Dataset, row: int, colu
     axes.tick_params(which="both", labelsize=6.5, length=2)
     axes.tick_params(which="minor", labelbottom=False, labelleft=False, length=1)
     if row == len(names) - 1:
-        axes.set_xlabel(f"{names[column]}  [{x_unit}]", fontsize=8)
+        axes.set_xlabel(f"{names[column]} [{x_unit}]", fontsize=8)
     else:
         axes.tick_params(labelbottom=False)
     if column == 0 and row:
-        axes.set_ylabel(f"{names[row]}  [{y_unit}]", fontsize=8)
+        axes.set_ylabel(f"{names[row]} [{y_unit}]", fontsize=8)
     else:
         axes.tick_params(labelleft=False)
