@@ -18,7 +18,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatterMathtext, LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
 
 from calib.report.formatting import number, raised
 
@@ -36,6 +36,8 @@ DPI = 150  # dots per inch of figures in files of their own
 SVG_DPI = 160  # of images within an SVG element
 TEXT_WIDTH = 7.4  # inch: the text width of an A4 page
 MAX_LEGEND_WIDTH = 0.97  # of a legend over that of its figure, which leaves the margins free  [1]
+MIN_DECADES = 0.3  # of a logarithmic axis with its ticks at steps of the decade  [1]
+NARROW_TICKS = 3  # intervals, at most, between ticks of an axis of fewer decades
 MAX_SAMPLE_DOTS = 700  # measured samples drawn as dots in one panel
 MAX_LINE_SAMPLES = 1500  # points of a drawn line
 STYLE: "dict[RcKeyType, Any]" = {
@@ -129,8 +131,10 @@ def logarithmic(axis: Axis, low: float, high: float) -> None:
         steps: tuple[float, ...] = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
         if decades > 0.75:
             steps = (1.0, 3.0) if decades > 1.2 else (1.0, 2.0, 5.0)
-        axis.set_major_locator(LogLocator(subs=steps))
-        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        locator = LogLocator(subs=steps)
+        between = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
+        axis.set_major_locator(locator if len(between) > 1 and decades > MIN_DECADES else MaxNLocator(NARROW_TICKS))
+        axis.set_major_formatter(lambda x, _: number(x))
     axis.set_minor_formatter(NullFormatter())
 
 

@@ -2,6 +2,7 @@
 
 import matplotlib as mpl
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from calib.report.plots.formula import formula_figure
@@ -33,6 +34,26 @@ def test_a_logarithmic_axis_is_labelled_without_latex(low, high, label, labelled
     element = drawn(prepare)
     assert "$" not in element
     assert f">{label}<" in element
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(4.5e5, 5.7e5), (1.8, 2.2), (0.97, 1.02), (9.3e5, 1.4e6), (1e-5, 1.4e-5), (2e5, 4.5e5), (0.2, 7.0), (3.0, 90.0)],
+)
+def test_labels_of_a_short_logarithmic_axis_do_not_overlap(low, high):
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(1.7, 1.5))
+        axes = figure.add_axes((0.08, 0.2, 0.84, 0.7), xscale="log", xlim=(low, high))
+        logarithmic(axes.xaxis, low, high)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        labels = [
+            label for label in axes.get_xticklabels() if label.get_text() and low <= label.get_position()[0] <= high
+        ]
+        boxes = [label.get_window_extent(canvas.get_renderer()) for label in labels]
+    assert 2 <= len(boxes) <= 6
+    assert all(one.x1 < other.x0 for one, other in zip(boxes, boxes[1:], strict=False))
+    assert not any("e" in label.get_text() for label in labels)
 
 
 def test_a_formula_is_typeset():
