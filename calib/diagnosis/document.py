@@ -336,7 +336,6 @@ class DiagnosisResult:
     Attributes
     ----------
     verdict, summary : of `calib.diagnosis.verdict`
-    omitted : what was left out for the budget, each as a clause
     causes : names of the effects, or faults of the records, that are named
     classes : indistinguishable models, each the names of its effects
     stand_ins : effects that come closest although their sizes differ from record to record
@@ -357,11 +356,11 @@ class DiagnosisResult:
     cut_short : whether the budget was spent before all was tried
     simulations, seconds : cost; wall-clock time  [s]
     values : calibrated values that were diagnosed
+    omitted : what was left out for the budget, each as a clause
     """
 
     verdict: str
     summary: str = field(default="", metadata={"key": "said"})
-    omitted: tuple[str, ...] = ()
     causes: tuple[str, ...] = ()
     classes: tuple[tuple[str, ...], ...] = field(default=(), metadata={"key": "class"})
     stand_ins: tuple[str, ...] = ()
@@ -387,6 +386,7 @@ class DiagnosisResult:
     simulations: int = 0
     seconds: float = 0.0
     values: Mapping[str, float] = field(default_factory=dict)
+    omitted: tuple[str, ...] = ()
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "DiagnosisResult":
@@ -408,4 +408,6 @@ class DiagnosisResult:
     def as_dict(self) -> dict[str, Any]:
         """Return the object of diagnosis.json, which `json.dumps(..., allow_nan=False)` takes."""
         document = plain(self)
+        if not self.omitted:  # as in documents of 0.1
+            del document["omitted"]
         return {**document, "misfit": document["misfit"] or {}}

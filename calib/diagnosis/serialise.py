@@ -67,7 +67,6 @@ def diagnosis_result(diagnosis: Diagnosis, values: Mapping[str, float]) -> Diagn
         summary=diagnosis.summary,
         causes=diagnosis.causes,
         classes=diagnosis.classes,
-        omitted=diagnosis.omitted,
         stand_ins=diagnosis.stand_ins,
         remainder=None if selection is None or evidence is None else _remainder(selection, evidence),
         closest=tuple(c.name for c in selection.causes) if selection and _is_open(diagnosis) else (),
@@ -93,6 +92,7 @@ def diagnosis_result(diagnosis: Diagnosis, values: Mapping[str, float]) -> Diagn
         simulations=diagnosis.simulations,
         seconds=diagnosis.seconds,
         values=values,
+        omitted=diagnosis.omitted,
     )
 
 
