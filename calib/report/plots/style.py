@@ -18,7 +18,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import Formatter, LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
 
 from calib.report.formatting import number, raised
 
@@ -83,6 +83,14 @@ class PowerLabels(LogFormatterMathtext):
         return number(float(x))
 
 
+class NumberLabels(Formatter):
+    """Labels with numbers as the report writes them. A class, since figures are handed to the processes that draw."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Write the label of a tick."""
+        return number(float(x))
+
+
 def dots(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
     """Draw measured samples as grey dots, at most MAX_SAMPLE_DOTS of them."""
     keep = thin(x.size, MAX_SAMPLE_DOTS)
@@ -134,7 +142,7 @@ def logarithmic(axis: Axis, low: float, high: float) -> None:
         locator = LogLocator(subs=steps)
         between = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
         axis.set_major_locator(locator if len(between) > 1 and decades > MIN_DECADES else MaxNLocator(NARROW_TICKS))
-        axis.set_major_formatter(lambda x, _: number(x))
+        axis.set_major_formatter(NumberLabels())
     axis.set_minor_formatter(NullFormatter())
 
 

@@ -1,5 +1,7 @@
 """Claims about the style of figures: foreign names are drawn as they are, and no label of an axis is in LaTeX."""
 
+import pickle
+
 import matplotlib as mpl
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -58,3 +60,16 @@ def test_labels_of_a_short_logarithmic_axis_do_not_overlap(low, high):
 
 def test_a_formula_is_typeset():
     assert ">$" not in svg(formula_figure(r"c_{1} \dot{q}^{3} + c_{2} q"), "formula")
+
+
+@pytest.mark.parametrize("labelled", [lambda axis, *ends: label_powers(axis), logarithmic])
+@pytest.mark.parametrize("high", [1.1, 5.0, 1e4])
+def test_a_logarithmic_axis_can_be_handed_to_the_process_that_draws_it(high, labelled):
+    with mpl.rc_context(STYLE):
+        figure = Figure()
+        axes = figure.subplots()
+        axes.set(xscale="log", xlim=(1.0, high))
+        labelled(axes.xaxis, 1.0, high)
+    copy = pickle.loads(pickle.dumps(figure))
+    with mpl.rc_context(STYLE):
+        assert svg(copy, "one") == svg(figure, "one")
