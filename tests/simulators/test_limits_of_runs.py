@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from calib.effects.bouc_wen import EFFECT as BOUC_WEN
+from calib.effects.coulomb_friction import EFFECT as COULOMB
 from calib.effects.delayed_feedback import EFFECT as DELAYED_FEEDBACK
 from calib.effects.phase_jitter import EFFECT as PHASE_JITTER
 from calib.effects.presliding import EFFECT as PRESLIDING
@@ -167,6 +168,25 @@ def test_friction_of_a_long_stroke_is_that_of_an_implicit_method():
 
     known = solve_ivp(rates, (0.0, 0.5), [0.11, 0.0, 0.0], "Radau", times, rtol=1e-10, atol=1e-13)
     np.testing.assert_allclose(record.displacement.values[0], known.y[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 1e-5])
+def test_friction_that_sticks_takes_few_steps_and_is_that_of_an_implicit_method(speed):
+    """Force below that of friction: the mass creeps at about the speed over which friction builds up."""
+    values = {**SLOW, "friction": 20.5, "friction_slip": speed}
+    drive = Excitation("mass", "force", frequency=1.0, amplitude=20.0)
+    request = Request(periods=2, samples=50, settle=0, step_budget=20_000)
+    record = Model(Oscillator(), [COULOMB]).run(values, drive, request)
+    assert record.attrs["status"] == "ok", record.attrs["reason"]
+
+    def rates(t, y):
+        x, v = y
+        load = 20.0 * np.cos(2.0 * np.pi * t) - values["damping"] * v - values["stiffness"] * x
+        return v, (load - 20.5 * np.tanh(v / speed)) / values["mass"]
+
+    known = solve_ivp(rates, (0.0, 2.0), [0.0, 0.0], "Radau", record.time.values, rtol=1e-10, atol=1e-9 * speed)
+    np.testing.assert_allclose(record.displacement.values[0], known.y[0], atol=1e-5 * speed)
+    np.testing.assert_allclose(record.velocity.values[0], known.y[1], atol=1e-4 * speed)
 
 
 def test_friction_that_asks_for_too_many_steps_ends_with_the_step_budget():

@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 
 from calib.modelling.laws import STATES
-from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.compilation import WITHIN
+from calib.simulators.impact.elimination import eliminate
 from calib.simulators.impact.law_states import STATE_DIFFERENCE
 from calib.simulators.impact.polynomial import INTEGRAL
 from calib.simulators.impact.problem import FORCE_LAWS, Problem
@@ -89,26 +90,6 @@ def _solve_state(
             total += weight * (rate[node] - by_state[node] * own[node])
             equations[j, node - 1] = (1.0 if node == j + 1 else 0.0) - step * weight * by_state[node]
         equations[j, 4] = start + step * total
-    _eliminate(equations)
+    eliminate(equations, 4)
     for j in range(4):
         own[j + 1] = equations[j, 4]
-
-
-@njit(**INLINED)
-def _eliminate(equations: np.ndarray) -> None:
-    """Solve equations (4, 5), the last column the right-hand side, by Gauss and Jordan: too few for LAPACK."""
-    for i in range(4):
-        pivot = i
-        for row in range(i + 1, 4):
-            if abs(equations[row, i]) > abs(equations[pivot, i]):
-                pivot = row
-        for column in range(i, 5):
-            largest = equations[pivot, column]
-            equations[pivot, column] = equations[i, column]
-            equations[i, column] = largest
-        for column in range(4, i - 1, -1):
-            equations[i, column] /= equations[i, i]
-        for row in range(4):
-            if row != i:
-                for column in range(4, i - 1, -1):
-                    equations[row, column] -= equations[row, i] * equations[i, column]

@@ -2,7 +2,8 @@
 
 The linear part of the motion stays exact. What depends on the motion is collocated at the five Gauss-Lobatto nodes of
 the step and iterated to its fixed point: order 8 at the ends of steps (a step that an impact ends is taken anew up to
-the impact), order 5 for velocities within them. A law that jumps reduces that to the order of its jump. Where a
+the impact), order 5 for velocities within them. Where the iteration does not converge, laws that are steep in the
+velocity, and their internal states, are solved for. A law that jumps reduces the order to that of its jump. Where a
 polynomial through the nodes misses the force laws between them (a kink, a steep film of air), the step is halved down
 to a limit. It is halved on where internal states of force laws do not converge, not even where they are solved for, or
 where the polynomial misses the laws of the excitation: there a longer step would be wrong at any limit.
@@ -16,10 +17,15 @@ from numba import njit
 from calib.modelling.laws import STATES
 from calib.simulators.compilation import INLINED, WITHIN
 from calib.simulators.impact.collocated_states import (
-    differentiate_rates,
     hold_states,
     integrate_states,
     solve_states,
+)
+from calib.simulators.impact.collocated_sums import (
+    differentiate_laws,
+    extrapolate_sums,
+    set_couplings,
+    solve_sums,
 )
 from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
@@ -38,7 +44,7 @@ from calib.simulators.impact.problem import (
     Problem,
     Regimes,
 )
-from calib.simulators.impact.scratch import Scratch
+from calib.simulators.impact.scratch import POSITION, SUM, VELOCITY, Scratch
 from calib.simulators.impact.series import expand_contact, motion_within
 from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.law_calls import force
@@ -171,13 +177,8 @@ _follow = by_stop(_need_not_follow, _follow_in_compliance, INLINED)
 
 
 @njit(**INLINED)
-def _sum_at(
-    problem: Problem, b: int, t: float, x: float, v: float, step: float, j: int, stiff: bool, w: Scratch
-) -> float:
-    """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written.
-
-    stiff : whether the derivatives of the rates by their states are written too
-    """
+def _sum_at(problem: Problem, b: int, t: float, x: float, v: float, j: int, w: Scratch) -> float:
+    """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written."""
     total = 0.0
     z, dz = w.law_state[0], w.law_state[1]
     for i in range(problem.counts[FORCE_LAWS]):
@@ -188,8 +189,7 @@ def _sum_at(
             total += force(problem.force[i], t, x, v, problem.force_p[i], z, dz)
             for k in range(STATES):
                 w.dz[i, b, k, j] = dz[k]
-            if stiff:
-                differentiate_rates(problem, i, b, t, x, v, step, j, w)
+    w.place[SUM, b, j] = total
     return total
 
 
@@ -212,8 +212,8 @@ def _clearance(
 
 
 @njit(**INLINED)
-def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, stiff: bool, w: Scratch) -> None:
-    """Write the accelerations by the laws and the rates of their internal states at point `j`; stiff as `_sum_at`."""
+def _move_places(problem: Problem, r: int, j: int, w: Scratch) -> None:
+    """Write the motion of the coordinates and of the clearance at point `j`."""
     regimes, n = problem.regimes, w.q.size
     for i in range(n):
         y, v = 0.0, 0.0
@@ -221,20 +221,30 @@ def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, stiff:
             y += w.response_y[i, j, k] * w.load[i, k]
             v += w.response_v[i, j, k] * w.load[i, k]
         w.y[i], w.v[i] = y, v
-    t = start + POINTS[j] * step
     for b in range(n):
         q, dq = w.free_q[b, j], w.free_dq[b, j]
         for i in range(n):
             q += regimes.shape[r, b, i] * w.y[i]
             dq += regimes.shape[r, b, i] * w.v[i]
-        w.law[b, j] = _sum_at(problem, b, t, q, dq, step, j, stiff, w)
+        w.place[POSITION, b, j], w.place[VELOCITY, b, j] = q, dq
     if problem.counts[PORT_LAWS] > 0:
         clearance, rate = w.free_q[n, j], w.free_dq[n, j]
         if r != CONTACT:
             for i in range(n):
                 clearance += regimes.witness_y[r, i] * w.y[i]
                 rate += regimes.witness_y[r, i] * w.v[i]
-        opening = _sum_at(problem, n, t, clearance, rate, step, j, stiff, w)
+        w.place[POSITION, n, j], w.place[VELOCITY, n, j] = clearance, rate
+
+
+@njit(**INLINED)
+def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scratch) -> None:
+    """Write the accelerations by the laws and the rates of their internal states at point `j`."""
+    n, t = w.q.size, start + POINTS[j] * step
+    _move_places(problem, r, j, w)
+    for b in range(n):
+        w.law[b, j] = _sum_at(problem, b, t, w.place[POSITION, b, j], w.place[VELOCITY, b, j], j, w)
+    if problem.counts[PORT_LAWS] > 0:
+        opening = _sum_at(problem, n, t, w.place[POSITION, n, j], w.place[VELOCITY, n, j], j, w)
         for b in range(n):
             w.law[b, j] += problem.push[b] * opening
 
@@ -306,7 +316,7 @@ def _is_resolved(
     """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
     if problem.counts[LAW_STATES] > 0:
         integrate_states(problem, state.z, step, PROBE_INDEX, PROBE_INDEX + 1, w)
-    _laws_at(problem, r, start, step, PROBE_INDEX, False, w)
+    _laws_at(problem, r, start, step, PROBE_INDEX, w)
     share = MAX_ERROR_AT_PORT if problem.counts[PORT_LAWS] > 0 else MAX_ERROR_ON_BODIES
     for b in range(w.q.size):
         for j in range(5):
@@ -336,7 +346,8 @@ def _iterate(
 ) -> tuple[bool, bool]:
     """Iterate the loads by the force laws over a step, from none, to their fixed point.
 
-    stiff : whether the internal states are solved for with the derivatives of their rates
+    stiff : whether the sums of the laws are solved for with their derivatives by the velocities, and the internal
+        states with those of their rates
     -> whether they converge, and whether their last change is one that rounding may leave
     """
     start = state.counters[AT_PERIOD] * problem.period + time
@@ -345,14 +356,25 @@ def _iterate(
             w.load[i, k] = w.base[i, k]
     if problem.counts[LAW_STATES] > 0:
         hold_states(state.z, w)
+    if stiff:
+        set_couplings(problem, r, w)
     held, before, earlier, change, size = False, math.inf, math.inf, math.inf, 0.0
     for sweep in range(MAX_SWEEPS):
         _follow(problem, state, time, step, w)
         for j in range(5):
             if (j == 0) == (sweep == 0):  # the first node does not change
-                _laws_at(problem, r, start, step, j, stiff and j > 0, w)
+                _laws_at(problem, r, start, step, j, w)
+                if stiff:
+                    differentiate_laws(problem, start, step, j, w)
         if sweep == 0:
             _repeat_first(w)
+        if stiff:
+            if sweep == 0:
+                _refit(problem.regimes, r, w)
+                for j in range(1, 5):
+                    _move_places(problem, r, j, w)
+                extrapolate_sums(w.place)
+            solve_sums(problem.push, w.place, w.coupling, w.equations, w.law)
         change, size = _refit(problem.regimes, r, w)
         if stiff and sweep > 0:
             solve_states(problem, state.z, step, w)
@@ -375,10 +397,10 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
     _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
     speed = _modal_speed(problem.regimes, r, state.y, state.v)
     converged, rounded = _iterate(problem, r, state, time, step, speed, False, w)
-    if not converged and problem.counts[LAW_STATES] > 0 and problem.exact:
-        close = rounded
+    if not converged and problem.exact:
+        close = rounded or problem.counts[LAW_STATES] == 0
         converged, rounded = _iterate(problem, r, state, time, step, speed, True, w)
-        if close and not (converged or rounded):  # back to what was as good as converged
+        if close and not (converged or rounded):  # back to what was as good as converged, or may not converge at all
             converged, rounded = _iterate(problem, r, state, time, step, speed, False, w)
     if not converged:
         return MISSED_BETWEEN if rounded or problem.counts[LAW_STATES] == 0 else NOT_CONVERGED

@@ -24,6 +24,10 @@ DEPTH, RATE, FORCE, POWER, WITNESS, BY_DEPTH, BY_RATE, BY_LOSS, KNOWN, IMPULSE, 
 LAST, STIFF, END, HELD, SMALL, SERIES, SPREAD, SPREAD_OF_RATE, BEGAN, MODAL_LAST, PACE = range(11)
 TIME, LATTICE, FICTITIOUS = range(3)  # entries of SERIES
 
+# rows of `Scratch.place`: displacement [m] and velocity [m/s]; the sum of the force laws there, its derivative by the
+# velocity and the sum that the loads are made of
+POSITION, VELOCITY, SUM, BY_VELOCITY, LOADING = range(5)
+
 
 class Scratch(NamedTuple):
     """Arrays a step is worked out in; the last index counts coefficients in tau / step (5) or nodes and probe (6)."""
@@ -41,7 +45,9 @@ class Scratch(NamedTuple):
     z: np.ndarray  # (force laws, n + 1, STATES, 6) internal states
     dz: np.ndarray  # their rates
     by_state: np.ndarray  # (force laws, n + 1, STATES, 5) derivative of each rate by its own state
-    equations: np.ndarray  # (4, 5) of one state at the nodes beyond the first; the right-hand side last
+    place: np.ndarray  # (5, n + 1, 6) of the coordinates and, last, of the clearance; rows as above
+    coupling: np.ndarray  # (5 n + 5, 5 n + 5) velocity at a place and node per unit of the sum of laws at another
+    equations: np.ndarray  # (5 n + 5, 5 n + 6) of the sums, or of one state, at the nodes; the right-hand side last
     law_state: np.ndarray  # (2, STATES) internal states of one law at one place, and their rates
     resolved_step: np.ndarray  # (1,) length of step over which the laws held last  [s]
     y: np.ndarray  # (n,) modal motion at an instant
@@ -61,7 +67,8 @@ def scratch(problem: Problem) -> Scratch:
         np.zeros(5), np.zeros((n, 5)), np.zeros((n, 5)), np.zeros(5), np.zeros((n, 6)), np.zeros((n, 5)),
         np.zeros((n + 1, 6)), np.zeros((n + 1, 6)), np.zeros((n, 6, 5)), np.zeros((n, 6, 5)),
         np.zeros((laws, n + 1, STATES, 6)), np.zeros((laws, n + 1, STATES, 6)),
-        np.zeros((laws, n + 1, STATES, 5)), np.zeros((4, 5)),
+        np.zeros((laws, n + 1, STATES, 5)), np.zeros((5, n + 1, 6)), np.zeros((5 * n + 5, 5 * n + 5)),
+        np.zeros((5 * n + 5, 5 * n + 6)),
         np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
         np.zeros((MODES + 3 * n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
         np.zeros((8 + n, BRANCHES, TERMS)) if compliant else None,  # type: ignore[arg-type]
