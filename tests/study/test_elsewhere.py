@@ -98,7 +98,7 @@ if __name__ == "__main__":
         print(lost)
         sys.exit(3)
 """
-BUDGET, SECONDS = 80 + 16 * KILLS, 0.2
+BUDGET, SECONDS = 32 + 16 * KILLS, 0.2
 VICTIMS = ["worker", "scheduler", "study"]  # each is killed once at least, if there are three kills or more
 
 

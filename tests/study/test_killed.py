@@ -15,7 +15,7 @@ import pytest
 from kills import KILLS
 
 ROOT = Path(__file__).parents[2]
-BUDGET = max(100, 15 * KILLS)
+BUDGET = max(60, 15 * KILLS)
 TIMES = ("seconds",)  # the only entry of result.json that may differ
 
 

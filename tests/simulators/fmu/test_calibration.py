@@ -15,7 +15,7 @@ from calib.study_file import load
 from calib.workflows.calibrate import calibrate, rebuild
 
 TRUTH = VALUES | {"stiffness": 4300.0, "gap": 3.6e-4}
-PERIODS, SAMPLES, SETTLED = 4, 80, 25  # of the record; periods before it
+PERIODS, SAMPLES, SETTLED = 4, 80, 12  # of the record; periods before it
 NOISE = {"displacement": 2e-6, "velocity": 1e-4}  # m, m/s
 
 STUDY = """\
@@ -27,7 +27,7 @@ screen = 12
 timeout = "30 s"
 periods = 4
 samples = 80
-settle = 25
+settle = 12
 
 [[record]]
 name = "bench"
