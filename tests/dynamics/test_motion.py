@@ -347,7 +347,7 @@ def test_too_few_cycles_are_refused():
         kind_of_orbit(logistic(3.2), cycles=50)
 
 
-@pytest.mark.parametrize("number", [50, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [50, pytest.param(150, marks=pytest.mark.slow)])
 def test_a_sweep_of_the_logistic_map_calls_no_cycle_chaotic_and_no_chaos_regular(number):
     a = 2.9 + 1.1 * (np.arange(number) + 0.5) / number
     x, total, last = np.full(a.size, 0.3), np.zeros(a.size), 20_000
