@@ -57,13 +57,15 @@ def profiled(calibrated, tmp_path_factory):
 
 
 FEW = {"MIN_LIVE_POINTS": 50, "LIVE_POINTS_PER_PARAMETER": 25, "EFFECTIVE_SIZE": 200.0, "NETWORKS": 0}
+FEW_DRAWS = 25  # that are simulated
 
 
 @pytest.fixture
 def few_live_points(monkeypatch):
-    """A sampler that needs few evaluations."""
+    """A sampler that needs few evaluations, and few predictions of its draws."""
     for name, value in FEW.items():
         monkeypatch.setattr(posterior, name, value)
+    monkeypatch.setattr(predictive, "PREDICTIVE_DRAWS", FEW_DRAWS)
 
 
 def numbers(result):
@@ -271,8 +273,10 @@ def test_the_posterior_distribution_is_sampled_and_goes_on_where_it_was_stopped(
 
 SAMPLED = """
 from calib.confidence import posterior
+from calib.workflows import predictive
 for name, value in {few}.items():
     setattr(posterior, name, value)
+predictive.PREDICTIVE_DRAWS = {draws}
 from calib.cli import main
 main()
 """
@@ -280,7 +284,7 @@ main()
 
 @pytest.mark.slow
 def test_random_kills_of_a_posterior_end_in_the_same_samples(profiled, tmp_path):
-    command = [sys.executable, "-c", SAMPLED.format(few=FEW)]
+    command = [sys.executable, "-c", SAMPLED.format(few={**FEW, "EFFECTIVE_SIZE": 50.0}, draws=FEW_DRAWS)]
     folders = tmp_path / "whole", tmp_path / "killed"
     for folder in folders:
         shutil.copytree(profiled[0], folder)
@@ -427,8 +431,7 @@ def test_studies_of_other_records_are_not_compared(calibrated, tmp_path):
 
 @pytest.mark.slow
 @undrawn()
-def test_a_scale_that_is_uncertain_by_two_percent_widens_the_interval(tmp_path, few_live_points, monkeypatch):
-    monkeypatch.setattr(predictive, "PREDICTIVE_DRAWS", 25)
+def test_a_scale_that_is_uncertain_by_two_percent_widens_the_interval(tmp_path, few_live_points):
     narrow = ('gain = { low = 0.5, high = 2.0, scale = "log" }', "gain = { low = 1.0, high = 1.4 }")
     path = write_study(tmp_path, narrow, ('low = "-1 mm", high = "1 mm"', 'low = "0.1 mm", high = "0.3 mm"'))
     sigmas = {"scale.displacement": 0.02, "scale.velocity": 0.02}
@@ -452,10 +455,7 @@ def test_a_scale_that_is_uncertain_by_two_percent_widens_the_interval(tmp_path, 
 @pytest.mark.slow
 @undrawn()
 @pytest.mark.parametrize("bias", [0.0004, 0.003])
-def test_the_confirming_simulator_moves_the_posterior_by_what_the_sketch_is_off(
-    tmp_path, few_live_points, monkeypatch, bias
-):
-    monkeypatch.setattr(predictive, "PREDICTIVE_DRAWS", 20)
+def test_the_confirming_simulator_moves_the_posterior_by_what_the_sketch_is_off(tmp_path, few_live_points, bias):
     sketch = ('"tiny_simulators:Echo"', f'"tiny_simulators:Sketch"\noptions = {{ bias = {bias} }}')
     path = write_study(tmp_path, sketch)
     calib("run", path, "-q")
