@@ -9,6 +9,7 @@ from calib.workflows.calibrate import calibrate
 from calib.workflows.diagnose import diagnose_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "paper_story" / "study.toml"
+BUDGET, EXTENDED_BUDGET = 60, 30  # simulations; the extended search begins at what the diagnosis fitted
 SUSPECTS = ["interface_shift", "gap_offset", "drive_harmonic_2"]
 TERM = "phase_curve of layer"
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -19,7 +20,7 @@ def told(tmp_path_factory):
     """What calibration, diagnosis and the extended calibration say; shortened: reduced fidelity, fewer suspects."""
     folder = tmp_path_factory.mktemp("story")
     document = tomlkit.parse(STUDY.read_text())
-    document["study"]["budget"] = 100
+    document["study"]["budget"] = BUDGET
     document["model"]["options"]["fidelity"] = "reduced"
     document["diagnosis"] = {"candidates": SUSPECTS}
     for record in document["record"]:
@@ -28,7 +29,7 @@ def told(tmp_path_factory):
     path.write_text(tomlkit.dumps(document))
     first = calibrate(path, quiet=True)
     found, extended = diagnose_study(path, apply=True)
-    return first, found, calibrate(extended, quiet=True)
+    return first, found, calibrate(extended, budget=EXTENDED_BUDGET, quiet=True)
 
 
 @pytest.mark.slow
