@@ -315,7 +315,7 @@ def test_a_bench_has_no_frequency_where_no_record_is_harmonic():
         ("low = 0.5,", "low = 0.0,", "gain", "a log window needs low > 0"),
         ("low = 0.5,", "start = 2.5, low = 0.5,", "gain", "start: the starting value 2.5 lies outside"),
         ("low = 0.5,", 'start = "1 s", low = 0.5,', "gain", "windows.gain.start"),
-        ('low = 0.5, high = 2.0, scale = "log"', "low = -1.0, high = 2.0", "gain", "of 'gain' in [0, inf]"),
+        ('low = 0.5, high = 2.0, scale = "log"', "low = -1.0, high = 2.0", "gain", "of 'gain' in [0, inf)"),
         ('low = "-1 mm"', 'low = "-1 s"', "harmonic", "windows.harmonic"),
         ('low = "-1 mm"', 'low = "-1 mmm"', "harmonic", "windows.harmonic"),
         ('scale = "log"', 'scale = "logg"', "gain", "did you mean 'log'?"),
