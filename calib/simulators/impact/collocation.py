@@ -44,7 +44,7 @@ from calib.simulators.impact.problem import (
     Problem,
     Regimes,
 )
-from calib.simulators.impact.scratch import POSITION, SUM, VELOCITY, Scratch
+from calib.simulators.impact.scratch import POSITION, SOLVED, SUM, VELOCITY, Scratch
 from calib.simulators.impact.series import expand_contact, motion_within
 from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.law_calls import force
@@ -55,6 +55,8 @@ LOAD_TOLERANCE = 1e-13  # relative change of the loads at which the iteration ha
 # error of a polynomial between the nodes, as a change of velocity over the step and a share of the velocities; laws on
 # bodies are mostly smooth, and their loads then are accurate at the ends of steps before they are in between
 MAX_ERROR_AT_PORT, MAX_ERROR_ON_BODIES = 1e-8, 1e-7
+MAX_SOLVED_FRACTION = 1.0 / 16.0  # of the longest step, over which sums of laws are solved for without states: over a
+# longer one that the iteration does not serve the polynomials mostly do not hold either, but where they just did
 MAX_ROUNDING_CHANGE = 1e-6  # relative change of the loads that rounding within a law of several states may leave  [1]
 NEGLIGIBLE_CHANGE = 1e-15  # change of velocity over the step, as a share of the velocities, that counts as zero
 LOADS_HOLD, MISSED_BETWEEN, NOT_CONVERGED = 0, 1, 2  # outcomes of `collocate`
@@ -397,7 +399,9 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
     _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
     speed = _modal_speed(problem.regimes, r, state.y, state.v)
     converged, rounded = _iterate(problem, r, state, time, step, speed, False, w)
-    if not converged and problem.exact:
+    short = step <= MAX_SOLVED_FRACTION * problem.step or w.resolved_step[SOLVED] > 0.0
+    solved = not converged and problem.exact and (short or problem.counts[LAW_STATES] > 0)
+    if solved:
         close = rounded or problem.counts[LAW_STATES] == 0
         converged, rounded = _iterate(problem, r, state, time, step, speed, True, w)
         if close and not (converged or rounded):  # back to what was as good as converged, or may not converge at all
@@ -408,7 +412,10 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
         return LOADS_HOLD
     start = state.counters[AT_PERIOD] * problem.period + time
     _respond(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
-    return LOADS_HOLD if _is_resolved(problem, r, state, start, step, speed, w) else MISSED_BETWEEN
+    if not _is_resolved(problem, r, state, start, step, speed, w):
+        return MISSED_BETWEEN
+    w.resolved_step[SOLVED] = 1.0 if solved else 0.0
+    return LOADS_HOLD
 
 
 @njit(**WITHIN)

@@ -27,6 +27,7 @@ TIME, LATTICE, FICTITIOUS = range(3)  # entries of SERIES
 # rows of `Scratch.place`: displacement [m] and velocity [m/s]; the sum of the force laws there, its derivative by the
 # velocity and the sum that the loads are made of
 POSITION, VELOCITY, SUM, BY_VELOCITY, LOADING = range(5)
+SOLVED = 1  # entry of `Scratch.resolved_step`
 
 
 class Scratch(NamedTuple):
@@ -49,7 +50,7 @@ class Scratch(NamedTuple):
     coupling: np.ndarray  # (5 n + 5, 5 n + 5) velocity at a place and node per unit of the sum of laws at another
     equations: np.ndarray  # (5 n + 5, 5 n + 6) of the sums, or of one state, at the nodes; the right-hand side last
     law_state: np.ndarray  # (2, STATES) internal states of one law at one place, and their rates
-    resolved_step: np.ndarray  # (1,) length of step over which the laws held last  [s]
+    resolved_step: np.ndarray  # (2,) length of step over which laws held last [s]; whether they were solved for
     y: np.ndarray  # (n,) modal motion at an instant
     v: np.ndarray
     q: np.ndarray  # (n,) coordinates
@@ -69,7 +70,7 @@ def scratch(problem: Problem) -> Scratch:
         np.zeros((laws, n + 1, STATES, 6)), np.zeros((laws, n + 1, STATES, 6)),
         np.zeros((laws, n + 1, STATES, 5)), np.zeros((5, n + 1, 6)), np.zeros((5 * n + 5, 5 * n + 5)),
         np.zeros((5 * n + 5, 5 * n + 6)),
-        np.zeros((2, STATES)), np.full(1, np.inf), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.zeros((2, STATES)), np.array([np.inf, 0.0]), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
         np.zeros((MODES + 3 * n, ORDER + 1)) if compliant else None,  # type: ignore[arg-type]  # as `Problem.compliance`
         np.zeros((8 + n, BRANCHES, TERMS)) if compliant else None,  # type: ignore[arg-type]
         np.zeros(BRANCHES + 1, dtype=np.int64), np.zeros((5, COMPOSED)),
