@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from simulators.four_dof_peer import spring_drive
 
 from calib.effects.bouc_wen import EFFECT as BOUC_WEN
 from calib.effects.coulomb_friction import EFFECT as COULOMB
@@ -187,6 +188,27 @@ def test_friction_that_sticks_takes_few_steps_and_is_that_of_an_implicit_method(
     known = solve_ivp(rates, (0.0, 2.0), [0.0, 0.0], "Radau", record.time.values, rtol=1e-10, atol=1e-9 * speed)
     np.testing.assert_allclose(record.displacement.values[0], known.y[0], atol=1e-5 * speed)
     np.testing.assert_allclose(record.velocity.values[0], known.y[1], atol=1e-4 * speed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("size", "budget"), [(20.0, 100_000), (200.0, 200_000)])
+def test_friction_on_each_of_four_bodies_is_that_of_an_implicit_method(size, budget):
+    """Bodies stick and slide by turns, at the larger friction one of them never slides."""
+    values = {p.name: p.nominal for p in FourDof.parameters} | {"gap": 1.0, "friction": size, "friction_slip": 1e-4}
+    drive = Excitation("end", "displacement", frequency=26.0, amplitude=1e-3)
+    request = Request(periods=1, samples=50, settle=0, step_budget=budget)
+    record = Model(FourDof(), [COULOMB]).run(values, drive, request)
+    assert record.attrs["status"] == "ok", record.attrs["reason"]
+    mass, stiffness, damping, load = spring_drive(values, 1e-3)
+
+    def rates(t, y):
+        pull = np.array([load * np.cos(2.0 * np.pi * 26.0 * t), 0.0, 0.0, 0.0])
+        linear = np.linalg.solve(mass, pull - damping @ y[4:] - stiffness @ y[:4])
+        return np.concatenate([y[4:], linear - size * np.tanh(y[4:] / 1e-4)])
+
+    times = record.time.values
+    known = solve_ivp(rates, (0.0, times[-1]), np.zeros(8), "Radau", times, rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(record.displacement.values, known.y[:4], atol=1e-8)
 
 
 def test_friction_that_asks_for_too_many_steps_ends_with_the_step_budget():

@@ -29,8 +29,8 @@ from calib.diagnosis.discovery.shapes import (
 Region = Mapping[str, tuple[float, float]]  # argument -> least and largest value
 FREE = (-np.inf, np.inf)
 MAX_DEGREE = 5  # of a product of powers  [1]
-EXPONENTS = (0.25, 0.5, 0.75, 1.5, 2.5, 3.5)  # at which a free one is tried  [1]
-EXPONENT_BOUNDS = (0.3, 7.0)  # a lower one is as a jump at zero, which a tanh is too  [1]
+EXPONENTS = (0.35, 0.5, 0.75, 1.5, 2.5, 3.5)  # at which a free one is tried  [1]
+EXPONENT_BOUNDS = (0.3, 7.0)  # a lower one nearly jumps at zero, as a tanh does, where it takes thousands of steps  [1]
 STEP_SCALES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # of tanh, over the largest value of the argument  [1]
 STOP_PLACES = 12  # inside the region  [count]
 STOP_EXPONENTS = (1.0, 1.5, 2.0, 3.0)  # [1]

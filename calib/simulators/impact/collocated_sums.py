@@ -61,14 +61,16 @@ def _couple(
         load_of_port = 0.0
         for b in range(n):
             load_of_port += project[i, b] * push[b]
-        for line in range(coupling.shape[0]):
-            b, j = line // nodes, line % nodes
-            velocity = shape[b, i] if b < n else 0.0 if contact else witness[i]
-            for column in range(coupling.shape[0]):
-                c, by_load = column // nodes, 0.0
+        for j in range(nodes):
+            for node in range(nodes):
+                by_load = 0.0
                 for k in range(nodes):
-                    by_load += response[i, j, k] * FIT[k, column % nodes]
-                coupling[line, column] += velocity * by_load * (project[i, c] if c < n else load_of_port)
+                    by_load += response[i, j, k] * FIT[k, node]
+                for b in range(n + 1):
+                    velocity = by_load * (shape[b, i] if b < n else 0.0 if contact else witness[i])
+                    for c in range(n + 1):
+                        load = project[i, c] if c < n else load_of_port
+                        coupling[b * nodes + j, c * nodes + node] += velocity * load
 
 
 @njit(**WITHIN)
@@ -79,27 +81,40 @@ def extrapolate_sums(place: np.ndarray) -> None:
         for j in range(FIT.shape[0]):
             place[LOADING, b, j], place[BY_VELOCITY, b, j] = value, slope
             place[SUM, b, j] = value + slope * (place[VELOCITY, b, j] - place[VELOCITY, b, 0])
+        place[BY_VELOCITY, b, 0] = 0.0  # there neither velocity nor sum changes
 
 
 @njit(**WITHIN)
 def solve_sums(
     push: np.ndarray, place: np.ndarray, coupling: np.ndarray, equations: np.ndarray, law: np.ndarray
 ) -> None:
-    """Write the sums at the nodes beyond the first from those evaluated and their derivatives, and the laws of them.
+    """Write the sums at the nodes from those evaluated and their derivatives, and the laws of them.
 
-    Where no law acts the equation is that the sum stays zero.
+    Only sums that depend on the velocity are unknown; the others are as they were evaluated.
     """
-    n, nodes, size = push.size, FIT.shape[0], coupling.shape[0]
-    for line in range(size):
-        b, j = line // nodes, line % nodes
-        slope = place[BY_VELOCITY, b, j] if j > 0 else 0.0
-        for column in range(size):
-            equations[line, column] = -slope * coupling[line, column]
-        equations[line, line] += 1.0
-        equations[line, size] = place[SUM, b, j] - place[LOADING, b, j] if j > 0 else 0.0
-    eliminate(equations, size)
-    for line in range(size):
-        place[LOADING, line // nodes, line % nodes] += equations[line, size]
+    n, nodes, lines, unknown = push.size, FIT.shape[0], coupling.shape[0], 0
+    for line in range(lines):
+        b, j, column = line // nodes, line % nodes, 0
+        slope, change = place[BY_VELOCITY, b, j], place[SUM, b, j] - place[LOADING, b, j]
+        if slope != 0.0:
+            for other in range(lines):
+                c, node = other // nodes, other % nodes
+                if place[BY_VELOCITY, c, node] != 0.0:
+                    equations[unknown, column] = (1.0 if other == line else 0.0) - slope * coupling[line, other]
+                    column += 1
+                else:
+                    change += slope * coupling[line, other] * (place[SUM, c, node] - place[LOADING, c, node])
+            equations[unknown, column] = change
+            unknown += 1
+    eliminate(equations, unknown)
+    row = 0
+    for b in range(n + 1):
+        for j in range(nodes):
+            if place[BY_VELOCITY, b, j] != 0.0:
+                place[LOADING, b, j] += equations[row, unknown]
+                row += 1
+            else:
+                place[LOADING, b, j] = place[SUM, b, j]
     for j in range(1, nodes):
         for b in range(n):
             law[b, j] = place[LOADING, b, j] + push[b] * place[LOADING, n, j]

@@ -53,10 +53,11 @@ MAX_SWEEPS = 15  # of the fixed point
 MAX_LOAD_CONTRACTION = 0.5  # change of the loads over that two sweeps before; above it so many sweeps do not suffice
 LOAD_TOLERANCE = 1e-13  # relative change of the loads at which the iteration has converged
 # error of a polynomial between the nodes, as a change of velocity over the step and a share of the velocities; laws on
-# bodies are mostly smooth, and their loads then are accurate at the ends of steps before they are in between
-MAX_ERROR_AT_PORT, MAX_ERROR_ON_BODIES = 1e-8, 1e-7
-MAX_SOLVED_FRACTION = 1.0 / 16.0  # of the longest step, over which sums of laws are solved for without states: over a
-# longer one that the iteration does not serve the polynomials mostly do not hold either, but where they just did
+# bodies that are not solved for are mostly smooth: their loads are accurate at the ends of steps before in between
+MAX_ERROR_OF_STEEP, MAX_ERROR_OF_SMOOTH = 1e-8, 1e-7
+# of the longest step: over longer ones laws without states are solved for only where that served the last step, for
+# mostly the polynomials do not hold over them either
+MAX_SOLVED_FRACTION = 1.0 / 16.0
 MAX_ROUNDING_CHANGE = 1e-6  # relative change of the loads that rounding within a law of several states may leave  [1]
 NEGLIGIBLE_CHANGE = 1e-15  # change of velocity over the step, as a share of the velocities, that counts as zero
 LOADS_HOLD, MISSED_BETWEEN, NOT_CONVERGED = 0, 1, 2  # outcomes of `collocate`
@@ -313,13 +314,16 @@ def _repeat_first(w: Scratch) -> None:
 
 @njit(**INLINED)
 def _is_resolved(
-    problem: Problem, r: int, state: ImpactState, start: float, step: float, speed: float, w: Scratch
+    problem: Problem, r: int, state: ImpactState, start: float, step: float, speed: float, steep: bool, w: Scratch
 ) -> bool:
-    """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states."""
+    """Whether the polynomials through the nodes hold between them: of the laws, and of the rates of their states.
+
+    steep : whether the laws had to be solved for
+    """
     if problem.counts[LAW_STATES] > 0:
         integrate_states(problem, state.z, step, PROBE_INDEX, PROBE_INDEX + 1, w)
     _laws_at(problem, r, start, step, PROBE_INDEX, w)
-    share = MAX_ERROR_AT_PORT if problem.counts[PORT_LAWS] > 0 else MAX_ERROR_ON_BODIES
+    share = MAX_ERROR_OF_STEEP if steep or problem.counts[PORT_LAWS] > 0 else MAX_ERROR_OF_SMOOTH
     for b in range(w.q.size):
         for j in range(5):
             w.law[b, PROBE_INDEX] -= BETWEEN[j] * w.law[b, j]
@@ -412,7 +416,7 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
         return LOADS_HOLD
     start = state.counters[AT_PERIOD] * problem.period + time
     _respond(problem, r, state, time, step, PROBE_INDEX, PROBE_INDEX + 1, w)
-    if not _is_resolved(problem, r, state, start, step, speed, w):
+    if not _is_resolved(problem, r, state, start, step, speed, solved, w):
         return MISSED_BETWEEN
     w.resolved_step[SOLVED] = 1.0 if solved else 0.0
     return LOADS_HOLD

@@ -8,7 +8,10 @@ from calib.simulators.compilation import WITHIN
 
 @njit(**WITHIN)
 def eliminate(equations: np.ndarray, m: int) -> None:
-    """Solve the first `m` rows of `equations`, the right-hand side in column m, by Gauss and Jordan with pivoting."""
+    """Solve `m` equations, the first rows of an array (m or more, m + 1 or more), by Gauss and Jordan with pivoting.
+
+    Column m, the right-hand side, becomes the solution; it is not finite where the equations are singular.
+    """
     for i in range(m):
         pivot = i
         for row in range(i + 1, m):

@@ -27,6 +27,7 @@ def test_every_term_is_finite_over_the_region_and_has_a_unit_of_length_and_time(
         assert np.isfinite(term.values(X, V)).all()
         metre, second, kilogram = powers(term.unit)
         for factor in term.factors:
+            assert all(factor.bounds[k][0] < factor.numbers[k] < factor.bounds[k][1] for k in factor.free)
             metre += factor.power
             second -= factor.power * (factor.argument == VELOCITY)
         assert (metre, second, kilogram) == pytest.approx((1.0, -2.0, 0.0))
