@@ -26,8 +26,9 @@ FIRST_FILES = (  # the first compiles the kernels that most tests take from the 
     "workflows/test_python_study.py",
 )  # fmt: skip
 LONG_FILES = (  # few tests, and some ten seconds or more
-    "diagnosis/test_diagnose.py", "dynamics/test_response.py", "effects/test_conformance.py",
-    "fmu/test_calibration.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
+    "diagnosis/test_diagnose.py", "diagnosis/test_responses.py", "diagnosis/test_stand_ins.py",
+    "dynamics/test_response.py", "effects/test_conformance.py", "fmu/test_calibration.py",
+    "hidden/test_discovered.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
     "hidden/test_hider.py", "hidden/test_remainder.py", "measured/test_benchmarks.py", "measured/test_diagnosis.py",
     "measured/test_spring_disc.py", "paper/test_fe.py", "paper/test_minimal.py", "paper/test_story.py",
     "pages/test_page.py", "pools/test_remote.py", "readers/test_damaged.py", "sensitivity/test_study.py",

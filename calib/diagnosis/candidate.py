@@ -54,6 +54,11 @@ class Candidate:
         return self.effect.name
 
     @property
+    def max_parameter_count(self) -> int:
+        """Number of parameters that are fitted where its form is fitted too."""
+        return len(self.free) + len(self.bounds)
+
+    @property
     def null(self) -> np.ndarray:
         """Values (free,) at which the effect is absent."""
         return np.array([self.effect.null[name] for name in self.free])

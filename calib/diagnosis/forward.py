@@ -13,12 +13,13 @@ from calib.diagnosis.evidence import Evidence, clocks_differ
 from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.foresight import foresee_rivals, foresee_scores, foresee_search
+from calib.diagnosis.general_laws import with_general_laws
 from calib.diagnosis.noise import MAX_ORDER
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.remainder import remainder
 from calib.diagnosis.rivals import rival_suspects, simplest, with_possible_causes
-from calib.diagnosis.search import Round, chi2_of_a_rival, search, with_fitted_form
+from calib.diagnosis.search import Round, chi2_of_a_rival, search
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, leading_variants
 
@@ -45,19 +46,13 @@ def forward(
             if number:
                 break
             raise
-        general = None
-        if cause is not None and state.causes:
-            general = fitter.attempt(partial(_in_place_of_both, fitter, state, cause))
-        if general is not None:
-            rounds = (*state.rounds[:-1], _with_form(fitter, state, general))
-            causes = (*state.causes[:-1], (general, (general,)))
-            state = _with_latest_noise(fitter, replace(state, rounds=rounds, causes=causes, final=general.fit))
-            continue
         state = replace(state, rounds=(*state.rounds, outcome))
         if cause is None:
             break
         causes = (*state.causes, (cause, outcome.rivals))
         state = _with_latest_noise(fitter, replace(state, final=cause.fit, causes=causes))
+        latest = with_general_laws(fitter, state)
+        state = latest if latest.names == state.names else _with_latest_noise(fitter, latest)
         foresee_rivals(fitter, float(any(len(rivals) > 1 for _, rivals in state.causes)))
     return state
 
@@ -81,9 +76,7 @@ def _with_latest_noise(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     latest = fitter.attempt(partial(_in_noise_of, fitter, evidence, state))
     if latest is not None:
         return latest
-    names = dict.fromkeys(suspect.name for suspect in _compared_again(state) if suspect.name not in state.names)
-    round_so_far = replace(state.rounds[-1], untried=(*state.rounds[-1].untried, *names))
-    return replace(state, rounds=(*state.rounds[:-1], round_so_far))
+    return state.with_untried([suspect.name for suspect in _compared_again(state)])
 
 
 def _round(
@@ -102,38 +95,6 @@ def _round(
     outcome = replace(outcome, prediction=made.prediction)
     reason = rejection(evidence, state.null, made, further=bool(state.causes))
     return (outcome.without_cause(reason), None) if reason else (outcome, replace(chosen, fit=extended))
-
-
-def _in_place_of_both(fitter: Fitter, state: StepwiseState, further: Refitted) -> Refitted | None:
-    """A suspect that contains the last cause and, with its form fitted, explains what that does with a further one.
-
-    What a law leaves that is tried with another form than its own would be taken for a further cause. None where none
-    has an AIC as low as both together.
-    """
-    last, null = state.causes[-1][0], state.null
-    wider = leading_variants(
-        s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names and last.name in s.generalises
-    )
-    found: list[tuple[float, Refitted]] = []
-    for suspect in wider:
-        common = fitter.evidence.with_weights([s.fit.point.simulated for s in (suspect, further)])
-        before = null.chi2_over(common)
-        fit = fitter.fit(suspect.fit.point, suspect.fit.candidates)
-        if not fit.names:
-            continue
-        formed = with_fitted_form(fitter, suspect.refitted(fit, before - fit.chi2_over(common)), before, common)
-        both = before - further.fit.chi2_over(common) - last.aic_penalty - further.aic_penalty
-        found.append((formed.chi2_reduction - formed.aic_penalty - both, formed))
-    lead, best = max(found, key=lambda pair: pair[0], default=(-np.inf, further))
-    return replace(best, fit=fitter.with_derivatives(best.fit)) if lead >= 0.0 else None
-
-
-def _with_form(fitter: Fitter, state: StepwiseState, formed: Refitted) -> Round:
-    """Return the last search with a suspect in the form that was fitted since, its reduction in the noise of then."""
-    last = state.rounds[-1]
-    scale = last.excess_chi2_of_null / excess_chi2(fitter.evidence, state.null)
-    known = replace(formed, chi2_reduction=scale * formed.chi2_reduction)
-    return replace(last, suspects=tuple(known if s.name == formed.name else s for s in last.suspects))
 
 
 def _in_noise_of(fitter: Fitter, evidence: Evidence, state: StepwiseState) -> StepwiseState:

@@ -18,7 +18,8 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
     A simpler one is a rival too where the gain by the further parameters of the best is below the threshold of |z|:
     beside it they would be no cause either. Where the best leaves more than noise, differences are judged by the
     quasi-likelihood, divided by its reduced chi-square (Burnham & Anderson 2002, section 2.5). One that contains
-    another rival as a special case is none: it explains no more.
+    another rival as a special case is none where it explains no more: where that is in the confidence region of its
+    further parameters, and is not left out for a special case of its own, which the other law need not contain.
     """
     ordered = sorted(refitted, key=lambda s: s.aic_penalty - s.chi2_reduction)
     if not ordered:
@@ -26,8 +27,7 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
     best = ordered[0]
     dispersion = _dispersion(evidence, best)
     rivals = leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold))
-    names = {rival.name for rival in rivals}
-    return tuple(rival for rival in rivals if not names & set(rival.generalises))
+    return tuple(rival for rival in rivals if not _is_represented(rival, rivals, dispersion))
 
 
 def special_cases(
@@ -45,15 +45,26 @@ def special_cases(
     return leading_variants(sorted((s for s in possible if s.name in others), key=lambda s: -s.chi2_reduction))
 
 
+def chi2_of_another_rival(evidence: Evidence, rivals: Sequence[Refitted], other: Refitted) -> float:
+    """Chi-square up to which another suspect, with its form fitted, is a rival beside these.
+
+    Beside a special case of it where that is outside the confidence region of its further parameters, beside others
+    where their AIC is as high, but for a tie.
+    """
+    count, limits = other.candidate.max_parameter_count, []
+    for rival in rivals:
+        further, dispersion = count - rival.parameter_count, _dispersion(evidence, rival)
+        fall = dispersion * _confidence_limit(further)
+        rise = -fall if _contains(other, rival) else CRITERIA.aic_tie * dispersion - 2.0 * further
+        limits.append(rival.fit.chi2 + rise)
+    return min(limits)
+
+
 def not_refuted(evidence: Evidence, rivals: Sequence[Refitted], special: Sequence[Refitted]) -> list[Refitted]:
     """Special cases in the confidence region of the further parameters of the best rival (likelihood-ratio test)."""
     best = min(rivals, key=lambda s: s.aic_penalty - s.chi2_reduction)
     dispersion = _dispersion(evidence, best)
-    return [
-        s for s in special
-        if (best.chi2_reduction - s.chi2_reduction) / dispersion
-        <= chi2.ppf(CRITERIA.confidence_level, max(1, best.parameter_count - s.parameter_count))
-    ]  # fmt: skip
+    return [s for s in special if _in_confidence_region(s, best, dispersion)]
 
 
 def with_possible_causes(
@@ -94,6 +105,28 @@ def _is_rival(other: Refitted, best: Refitted, dispersion: float, threshold: flo
     further = best.parameter_count - other.parameter_count
     tie = gap + other.aic_penalty - best.aic_penalty <= CRITERIA.aic_tie * dispersion
     return tie or (further > 0 and bool(deviate(gap / dispersion, further) <= threshold))
+
+
+def _contains(general: Refitted, special: Refitted) -> bool:
+    """Whether a suspect contains another, as that is fitted, as a special case: one of no more parameters cannot."""
+    return special.name in general.generalises and general.candidate.max_parameter_count > special.parameter_count
+
+
+def _is_represented(suspect: Refitted, rivals: Sequence[Refitted], dispersion: float) -> bool:
+    """Whether a rival that is a special case of a suspect, and stays one, explains as much."""
+    special = (s for s in rivals if _contains(suspect, s) and _in_confidence_region(s, suspect, dispersion))
+    return any(not _is_represented(s, rivals, dispersion) for s in special)
+
+
+def _in_confidence_region(special: Refitted, general: Refitted, dispersion: float) -> bool:
+    """Whether a special case is in the confidence region of the general suspect's further parameters."""
+    gap, further = general.chi2_reduction - special.chi2_reduction, general.parameter_count - special.parameter_count
+    return gap <= _confidence_limit(further) * dispersion
+
+
+def _confidence_limit(further: int) -> float:
+    """Rise of chi-square at the edge of the confidence region of so many further parameters (likelihood ratio)."""
+    return float(chi2.ppf(CRITERIA.confidence_level, max(1, further)))
 
 
 def _dispersion(evidence: Evidence, best: Refitted) -> float:

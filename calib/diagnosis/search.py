@@ -1,6 +1,6 @@
 """One step of forward selection: candidates scored, the leading ones refitted, the best compared with its rivals."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -130,7 +130,7 @@ def _chosen(
         again = [*rivals, *special_cases(rivals, possible, suspects)]
 
         def fitted_form(suspect: Refitted, own: Fitter) -> Refitted:
-            return own.attempt(partial(with_fitted_form, own, suspect, before, common)) or suspect
+            return own.attempt(partial(_with_best_form, own, suspect, before, common)) or suspect
 
         formed = list(fitter.in_turn([partial(fitted_form, suspect) for suspect in again]))
         own, special = formed[: len(rivals)], formed[len(rivals) :]
@@ -382,23 +382,36 @@ def _trial_sizes(fitter: Fitter, base: Fit, suspect: Screened, least: float) -> 
     return [x for k, x in enumerate(starts) if not any(np.allclose(x, other) for other in (*known, *starts[:k]))]
 
 
-def with_fitted_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:
+def with_free_form(
+    fitter: Fitter, suspect: Refitted, chi2_reduction: Callable[[Fit], float], rival: float = np.inf
+) -> Refitted | None:
+    """Return the suspect with its form fitted too; None where it cannot be simulated.
+
+    chi2_reduction : by the model that is fitted
+    rival : chi-square that another model attains, as `Fitter.fit` takes it
+    """
+    candidate = suspect.candidate
+    formed = replace(candidate, form=tuple(candidate.bounds))
+    candidates = tuple(formed if c is candidate else c for c in suspect.fit.candidates)
+    fit = fitter.fit(suspect.fit.point, candidates, rival=rival)
+    if not fit.names:
+        return None
+    return replace(suspect, candidate=formed.at(fit.point.values), fit=fit, chi2_reduction=chi2_reduction(fit))
+
+
+def _with_best_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:
     """Return the suspect with its form fitted too, where that lowers its AIC.
 
     The form with which an effect is tried is a guess: the residual of a poor one would be taken for a further cause.
 
     before : chi-square of the model without the suspect, over the evidence `common`
     """
-    candidate, fit = suspect.candidate, suspect.fit
-    if not candidate.bounds or not fit.names:
+    if not suspect.candidate.bounds or not suspect.fit.names:
         return suspect
-    formed = replace(candidate, form=tuple(candidate.bounds))
-    best = fitter.fit(fit.point, tuple(formed if c is candidate else c for c in fit.candidates))
-    if not best.names:
+    other = with_free_form(fitter, suspect, lambda fit: before - fit.chi2_over(common))
+    if other is None or other.chi2_reduction - other.aic_penalty <= suspect.chi2_reduction - suspect.aic_penalty:
         return suspect
-    reduction = before - best.chi2_over(common)
-    other = replace(suspect, candidate=formed.at(best.point.values), fit=best, chi2_reduction=reduction)
-    return other if reduction - other.aic_penalty > suspect.chi2_reduction - suspect.aic_penalty else suspect
+    return other
 
 
 def _is_possible(suspect: Refitted, threshold: float) -> bool:

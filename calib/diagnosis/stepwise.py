@@ -53,6 +53,12 @@ class StepwiseState:
         """Whether the causes, after elimination, explain enough."""
         return self.elimination is not None and self.elimination.is_explained
 
+    def with_untried(self, names: Sequence[str]) -> "StepwiseState":
+        """Return the state in whose last search these suspects were left out or broken off for the budget."""
+        last = self.rounds[-1]
+        untried = dict.fromkeys((*last.untried, *(name for name in names if name not in self.names)))
+        return replace(self, rounds=(*self.rounds[:-1], replace(last, untried=tuple(untried))))
+
     def with_causes(self, causes: Sequence[Cause], final: Fit, reason: str) -> "StepwiseState":
         """Return the state with these causes instead of its own.
 

@@ -63,8 +63,8 @@ class Effect:
     equation : what is added, in plain text
     group : what it is, one of `EFFECT_GROUPS`, by which it is listed; not stated: by its site, of a force a load
     confused : names of effects that it tends to be mistaken for
-    generalises : names of effects that it contains as special cases: a diagnosis tests it only where others show, and
-        names these where they explain as much
+    generalises : names of effects that it contains as special cases, or comes near to: a diagnosis tests it only where
+        others show, and names these where they explain as much
     requires : apparatus without which it cannot act and which few laboratories have, such as "a controller"; "" for
         none. A diagnosis suspects it only where its candidates name it
     quantity : of the excitation without which it is absent, such as "force"; "" for none. A diagnosis suspects it only

@@ -55,7 +55,7 @@ class Window:
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
             raise CalibError(f"a window needs two finite ends, got low = {self.low:g}, high = {self.high:g}")
         if self.low == self.high:
-            raise CalibError(f"the window has no width (low = high = {self.low:g}); fix the parameter in [model] fixed")
+            raise CalibError(f"the window has no width (low = high = {self.low:g}); widen it, or fix the value")
         if self.low > self.high:
             raise CalibError(f"the window is the wrong way round: low = {self.low:g} lies above high = {self.high:g}")
         if self.scale not in get_args(Scale):

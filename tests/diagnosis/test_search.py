@@ -6,20 +6,26 @@ import numpy as np
 import pytest
 from in_turn import InTurn
 
-from calib.diagnosis.rivals import not_refuted, rival_suspects, special_cases, with_possible_causes
+from calib.diagnosis.rivals import (
+    chi2_of_another_rival,
+    not_refuted,
+    rival_suspects,
+    special_cases,
+    with_possible_causes,
+)
 from calib.diagnosis.search import _refits, _refits_from_the_middle, _similar_to_the_best
 
 SIZE, LIMIT = 1000.0, 3.4
 EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
 
 
-def suspect(name, parameters, reduction, chi2, generalises=()):
-    """Stand in for a suspect that reduces chi-square by `reduction` to `chi2`."""
+def suspect(name, parameters, reduction, chi2, generalises=(), most=4):
+    """Stand in for a suspect that reduces chi-square by `reduction` to `chi2`, of at most so many parameters."""
     fit = SimpleNamespace(chi2=chi2, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)))
     penalty = 2.0 * parameters
     return SimpleNamespace(
         name=name, parameter_count=parameters, aic_penalty=penalty, chi2_reduction=reduction, fit=fit,
-        generalises=generalises,
+        generalises=generalises, candidate=SimpleNamespace(max_parameter_count=most),
     )  # fmt: skip
 
 
@@ -41,11 +47,39 @@ def test_a_rival_is_alike_within_what_its_parameters_and_the_noise_allow(paramet
     assert [s.name for s in rival_suspects(EVIDENCE, [other, best], LIMIT)] == ["best", "other"][: 1 + alike]
 
 
-@pytest.mark.parametrize(("behind", "names"), [(5.0, ["simple"]), (7.0, ["general"])])
-def test_a_law_that_explains_no_more_than_its_special_case_is_no_rival_of_it(behind, names):
-    general = suspect("general", 1, 200.0, SIZE, ("simple",))
-    simple = suspect("simple", 1, 200.0 - behind, SIZE)
+@pytest.mark.parametrize(
+    ("parameters", "behind", "names"),
+    [
+        (4, 5.8, ["simple"]),  # 5.99: 95 % of two degrees of freedom
+        (4, 6.2, ["general", "simple"]),  # it may be either
+        (4, 15.0, ["general"]),
+        (1, -1.0, ["simple"]),  # whether its form is fitted or not
+    ],
+)
+def test_a_law_that_explains_no_more_than_its_special_case_is_no_rival_of_it(parameters, behind, names):
+    general = suspect("general", parameters, 200.0, SIZE, ("simple",))
+    simple = suspect("simple", 2, 200.0 - behind, SIZE)
     assert [s.name for s in rival_suspects(EVIDENCE, [general, simple], LIMIT)] == names
+
+
+def test_a_law_is_no_special_case_of_one_of_no_more_parameters():
+    general, formed = suspect("general", 1, 198.0, SIZE, ("formed",)), suspect("formed", 4, 204.0, SIZE)
+    assert [s.name for s in rival_suspects(EVIDENCE, [general, formed], LIMIT)] == ["general", "formed"]
+
+
+def test_a_law_is_not_represented_by_a_special_case_that_is_left_out_itself():
+    """A joint of sliders contains one yielding spring, and that Dahl's friction, which no joint of sliders contains."""
+    sliders, spring = suspect("sliders", 1, 203.0, SIZE, ("spring",)), suspect("spring", 1, 201.0, SIZE, ("dahl",))
+    rivals = rival_suspects(EVIDENCE, [sliders, spring, suspect("dahl", 1, 200.0, SIZE)], LIMIT)
+    assert [s.name for s in rivals] == ["sliders", "dahl"]
+
+
+def test_the_fit_of_a_form_has_to_make_a_rival():
+    general, simple = suspect("general", 1, 198.0, SIZE, ("simple",)), suspect("simple", 2, 204.0, SIZE)
+    other, unlike = suspect("other", 4, 204.0, SIZE, ("simple",)), suspect("unlike", 2, 204.0, SIZE)
+    assert chi2_of_another_rival(EVIDENCE, [simple, other], general) == pytest.approx(SIZE - 5.99, abs=0.01)
+    assert chi2_of_another_rival(EVIDENCE, [other], general) == SIZE + 6.0
+    assert chi2_of_another_rival(EVIDENCE, [unlike], general) == SIZE + 2.0
 
 
 def test_special_cases_of_a_rival_are_compared_with_it_however_far_behind_the_form_they_are_tried_with():

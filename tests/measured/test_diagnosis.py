@@ -79,10 +79,13 @@ def test_the_carriage_has_dry_friction_and_an_offset_that_explains_less_than_twi
 @pytest.mark.slow
 def test_a_whiffle_ball_lacks_drag(diagnosed):
     found = diagnosed(STUDIES / "falling_balls" / "study.toml", "falling_balls/ball_drops.csv")
-    assert found.verdict == UNEXPLAINED
-    assert found.stand_ins == ("linear_drag",)  # of another size in the other drop: drag, but of another form
+    assert found.verdict == NAMED
+    assert found.causes == ("power_law_damping",)  # linear drag alone is of another size in the other drop
     assert found.selection.explained_share > 0.99
-    assert transfers(found, "c1") == pytest.approx([0.573, 0.484], abs=0.02)
+    assert sizes(found) == pytest.approx({"power_damping": 0.405}, abs=0.03)
+    assert found.selection.final.value("power_exponent") == pytest.approx(1.145, abs=0.03)
+    assert transfers(found, "power_damping") == pytest.approx([0.405, 0.471], abs=0.03)
+    assert found.selection.is_homogeneous
     assert found.gain.proven
 
 

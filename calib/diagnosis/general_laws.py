@@ -1,0 +1,112 @@
+"""Laws that are tested only where a cause shows, compared with it at the maxima of both."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+from calib.diagnosis.criteria import CRITERIA
+from calib.diagnosis.effort import SUSPECT
+from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.excess import chi2_std, excess_chi2
+from calib.diagnosis.fit import Fit
+from calib.diagnosis.prediction import Prediction
+from calib.diagnosis.refit import Fitter
+from calib.diagnosis.rejection import extension, rejection
+from calib.diagnosis.rivals import chi2_of_another_rival, rival_suspects, simplest, with_possible_causes
+from calib.diagnosis.search import Round, with_free_form
+from calib.diagnosis.stepwise import StepwiseState
+from calib.diagnosis.suspect import Cause, Refitted, leading_variants
+
+
+def with_general_laws(fitter: Fitter, state: StepwiseState) -> StepwiseState:
+    """Compare the last cause and its rivals with the laws that generalise it, whose form is fitted for that.
+
+    The form with which a law is tried is a guess: with a poor one it explains less than its own special case. Models
+    are compared as they fit best, here where the noise is known best: one that contains the cause by a likelihood-ratio
+    test, another by its AIC. Those are out of reach that explain too little with that guess. A law takes the place of
+    the cause where it would be one by itself. Where the budget ends that, what was compared before it stands.
+    """
+    tried: set[str] = set()
+    while general := [suspect for suspect in _within_reach(state) if suspect.name not in tried]:
+        compared = fitter.attempt(partial(_compared, fitter, state, general))
+        if compared is None:
+            return state.with_untried([suspect.name for suspect in general])
+        state, tried = compared, tried | {suspect.name for suspect in general}
+    return state
+
+
+def _within_reach(state: StepwiseState) -> list[Refitted]:
+    """Refitted suspects of the last search that generalise its cause and explain at least half as much as that did.
+
+    One of each effect, without those whose form was fitted.
+    """
+    cause, _ = state.causes[-1]
+    refitted = leading_variants(s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names)
+    [of_then] = [s.chi2_reduction for s in refitted if s.name == cause.name]
+    least = CRITERIA.min_explained_share * of_then
+    general = (s for s in refitted if cause.name in s.generalises and not s.candidate.form)
+    return [s for s in general if s.chi2_reduction >= least]
+
+
+def _compared(fitter: Fitter, state: StepwiseState, general: Sequence[Refitted]) -> StepwiseState:
+    """Fit the forms of general laws, and choose among them and the rivals of the last cause."""
+    cause, rivals = state.causes[-1]
+    evidence, threshold = fitter.evidence, state.rounds[-1].threshold
+    fitter.foresee(SUSPECT, len(general))
+    fits = [partial(_formed, suspect=s, cause=cause, rivals=rivals) for s in general]
+    with fitter.measuring(SUSPECT, len(general)):
+        formed = [s for s in fitter.in_turn(fits) if s is not None]
+    found = rival_suspects(evidence, [*rivals, *formed], threshold)
+    chosen, prediction = simplest(found), state.rounds[-1].prediction
+    if chosen.name != cause.name:
+        cause, prediction, rejected = _in_its_place(fitter, state, chosen)
+        if rejected:
+            return state
+    latest = cause, with_possible_causes(evidence, found, [*rivals, *formed])
+    if not any(rival in formed for rival in latest[1]):
+        return state
+    last = _with_laws(evidence, state, latest, prediction)
+    return replace(state, rounds=(*state.rounds[:-1], last), causes=(*state.causes[:-1], latest), final=cause.fit)
+
+
+def _formed(fitter: Fitter, suspect: Refitted, cause: Refitted, rivals: Sequence[Refitted]) -> Refitted | None:
+    """Return a suspect with its form fitted too; None where it cannot be simulated or is no rival.
+
+    The fit is abandoned where it is predicted to be no rival of a cause and its rivals.
+    """
+    evidence = fitter.evidence
+    bound = chi2_of_another_rival(evidence, rivals, suspect)
+    formed = with_free_form(
+        fitter, suspect, lambda fit: cause.chi2_reduction + _fall(evidence, cause, fit), rival=bound
+    )
+    return None if formed is None or (formed.fit.reason and formed.fit.chi2 > bound) else formed
+
+
+def _in_its_place(fitter: Fitter, state: StepwiseState, suspect: Refitted) -> tuple[Refitted, Prediction | None, str]:
+    """A suspect with its derivatives in the place of the last cause, its prediction, and why it would be no cause."""
+    last, earlier = state.rounds[-1], [cause.candidate for cause, _ in state.causes[:-1]]
+    base = fitter.with_derivatives(fitter.fit(last.base.point, earlier)) if earlier else state.null
+    extended = fitter.with_derivatives(suspect.fit)
+    made = extension(fitter.evidence, base, extended, suspect, last.threshold)
+    rejected = rejection(fitter.evidence, state.null, made, further=bool(earlier))
+    return replace(suspect, fit=extended), made.prediction, rejected
+
+
+def _with_laws(evidence: Evidence, state: StepwiseState, cause: Cause, prediction: Prediction | None) -> Round:
+    """Return the last search with a cause and its rivals as fitted since, their reductions in the noise of then.
+
+    Both noises differ as the excess chi-squares of the calibrated model do, where these exceed that of noise.
+    """
+    last, least = state.rounds[-1], chi2_std(evidence)
+    scale = max(last.excess_chi2_of_null, least) / max(excess_chi2(evidence, state.null), least)
+    rivals = {rival.name: replace(rival, chi2_reduction=scale * rival.chi2_reduction) for rival in cause[1]}
+    suspects = [*rivals.values(), *(s for s in last.suspects if s.name not in rivals)]
+    ordered = tuple(sorted(suspects, key=lambda s: -s.known_reduction))
+    chosen = rivals[cause[0].name]
+    return replace(last, suspects=ordered, chosen=chosen, rivals=tuple(rivals.values()), prediction=prediction)
+
+
+def _fall(evidence: Evidence, cause: Refitted, fit: Fit) -> float:
+    """Fall of chi-square from the model with a cause to another fit, where the simulations of both are reliable."""
+    common = evidence.with_weights([cause.fit.point.simulated, fit.point.simulated])
+    return cause.fit.chi2_over(common) - fit.chi2_over(common)
