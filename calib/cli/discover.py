@@ -14,8 +14,8 @@ from calib.cli.diagnose import DiagnosisProgress
 from calib.cli.options import CauseSearch
 from calib.cli.status import folder_of
 from calib.diagnosis.discovery.artifacts import DISCOVERY
-from calib.diagnosis.discovery.discover import FOUND
-from calib.diagnosis.discovery.document import DiscoveryResult, NumberResult
+from calib.diagnosis.discovery.document import DescribingFunctionResult, DiscoveryResult, NumberResult
+from calib.diagnosis.discovery.outcome import FOUND
 from calib.units import count, plain_number, shown
 from calib.workflows.command_line import command_line
 from calib.workflows.discover import FORCE_PICTURE, discover_study
@@ -51,6 +51,9 @@ def show(result: DiscoveryResult, folder: Path, console: Console, extended: Path
     _histories(result, console)
     for text in result.curves:
         console.print(escape(f"{text[:1].upper()}{text[1:]}."), soft_wrap=True)
+    if result.describing_function is not None:
+        console.print(escape(f"{result.describing_function.limits}."), soft_wrap=True)
+        console.print(_describing_function(result.describing_function))
     for text in result.undetermined:
         console.print(f"not determined beside the calibrated parameters: {text}", soft_wrap=True)
     if result.trials:
@@ -110,6 +113,18 @@ def _numbers(numbers: Sequence[NumberResult], console: Console) -> None:
         console.print(
             f"  {n.name} = {plain_number(n.value)}{error} {escape(n.unit)}: {escape(n.meaning)}", soft_wrap=True
         )
+
+
+def _describing_function(own: DescribingFunctionResult) -> Table:
+    """Equivalent stiffness and damping per unit mass over the amplitude."""
+    table = Table(title=f"describing function per unit mass at {own.frequency:.4g} Hz", title_justify="left")
+    for heading in ("amplitude", "equivalent stiffness [1/s^2]", "equivalent damping [1/s]"):
+        table.add_column(heading, justify="right")
+    numbers = own.amplitudes, own.stiffness, own.stiffness_error, own.damping, own.damping_error
+    for a, k, k_error, c, c_error in zip(*numbers, strict=True):
+        pairs = ((k, k_error), (c, c_error))
+        table.add_row(shown(a, "m"), *(f"{plain_number(n, 3)} +- {plain_number(e, 2)}" for n, e in pairs))
+    return table
 
 
 def _trials(result: DiscoveryResult) -> Table:

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from calib.dynamics.swept_response import NOT_PERIODIC, KnownSweeps, swept_curves
+from calib.dynamics.swept_states import swept_states
 from calib.execution.pool import Failure, in_order
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
@@ -55,7 +56,7 @@ class Run:
     excitation : instead of the record's; the simulation is then not aligned, for nothing was measured
     start : initial state, where that is a nuisance; None: it is solved for
     rows : (body, channel) pairs instead of those of `Bench.rows`; empty for these. Where not all of them were measured,
-        they are not aligned
+        they are not aligned; of a frequency response those along the motions, displacements and velocities
     times : (n,) instants of the samples instead of the request's [s]; None for these
     sweeps : beside which the curves of a frequency response are sought first
     stepped : sweeps that are made instead of the record's, and with which the simulation is compared
@@ -142,6 +143,8 @@ class Bench:
         """Simulate and align."""
         if run.stepped is not None:
             return self._swept(run, run.stepped)
+        if self.objective.references[run.record].is_swept and not set(run.rows) <= set(self.rows[run.record]):
+            return self._states(run)
         record, slopes, sweeps = self._simulated(run)
         status = record.attrs["status"]
         if status != OK:
@@ -180,6 +183,16 @@ class Bench:
             start=start,
             simulations=simulations(record),
         )
+
+    def _states(self, run: Run) -> SimulatedRows:
+        """Displacements and velocities along the motions of a frequency response."""
+        reference, model = self.objective.references[run.record], self.model.extended(*run.effects)
+        values = values_for(run.values, run.record)
+        record = swept_states(model, values, reference.excitation, reference.record, run.sweeps)
+        if record.attrs["status"] != OK:
+            return _failed(record.attrs["status"], str(record.attrs.get("reason", "")))
+        rows = _rows(record, run.rows)
+        return SimulatedRows(rows, np.ones(rows.shape[1]))
 
     def _swept(self, run: Run, stepped: xr.Dataset) -> SimulatedRows:
         """Simulate sweeps that are not the record's."""

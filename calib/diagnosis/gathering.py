@@ -27,6 +27,7 @@ from calib.objective import Reference, row_weights
 from calib.objective.outliers import smoothed
 from calib.records import is_response, mean_interval
 from calib.records.cycles import kind_of_motion, mean_cycle
+from calib.records.replicates import levels_of_sweeps
 from calib.records.response import SIGMA_SOURCE
 
 
@@ -114,6 +115,7 @@ def gathered(
                 weight=own.weight,
                 clock=(clocks or {}).get(name),
                 sweep=reference.record["sweep"].values if reference.is_swept else None,
+                level=levels_of_sweeps(reference.record) if reference.is_swept else None,
                 sigma_source=str(reference.record.attrs.get(SIGMA_SOURCE, STATED)),
             )
         )

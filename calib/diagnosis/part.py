@@ -35,7 +35,8 @@ class Part:
     clock : (row, n) change of the rows with the rate of the clock, where that is uncertain and no nuisance
         [per unit rate]; None elsewhere
     variance_along_clock : variance of what a model leaves along that change, over the noise's  [1]
-    sweep : (n,) number of the sweep that each point of a frequency response belongs to; None over time
+    sweep, level : (n,) numbers of the sweep that each point of a frequency response belongs to, and of its level, which
+        repeated sweeps share; None over time
     sigma_source : of the uncertainties that the record holds
     """
 
@@ -52,6 +53,7 @@ class Part:
     clock: np.ndarray | None = None
     variance_along_clock: float = 1.0
     sweep: np.ndarray | None = None
+    level: np.ndarray | None = None
     sigma_source: str = STATED
 
     @property

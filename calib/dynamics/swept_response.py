@@ -125,16 +125,14 @@ def swept_curves(
     ------
     CalibError : an unknown parameter, or a simulator without a period map that samples its motion
     """
-    frequency, levels = measured["frequency"].values, measured["level"].values
-    first = replace(excitation, frequency=float(frequency[0]), amplitude=float(levels[0]), phase=0.0)
-    setting = Setting(model, first, values)
+    setting = setting_of_sweeps(model, values, excitation, measured)
     try:
         bodies = sampled(setting, setting.map()).bodies
     except ValueError as error:  # nothing that could move
         return failed(model.bodies, "impossible value", str(error)), {}
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("frequency", "amplitude", "level", "sweep", "piece")}
     directions, jumps, curves = list[np.ndarray](), list[str](), dict[float, SeriesStretch]()
-    for sweep, direction, level, path in _paths(setting, bodies, measured, known):
+    for sweep, direction, level, path in swept_paths(setting, bodies, measured, known):
         if path.reason:
             return failed(bodies, NOT_PERIODIC, f"sweep {sweep:g}: {path.reason}"), {}
         if len(path.pieces) == 1 and isinstance(path.pieces[0], SeriesStretch):
@@ -143,7 +141,7 @@ def swept_curves(
         for piece in path.pieces:
             own = piece.frequency
             rows["frequency"].append(own)
-            rows["amplitude"].append(_amplitudes(setting, level, piece).T)
+            rows["amplitude"].append(harmonics_of_piece(setting, level, piece, 1)[:, :, 1].T)
             rows["level"].append(np.array([level(f) for f in own.tolist()]))
             rows["sweep"].append(np.full(own.size, sweep))
             rows["piece"].append(np.full(own.size, float(len(directions))))
@@ -157,7 +155,15 @@ def swept_curves(
     return model.measured_response(record.assign(piece=("point", joined["piece"])), values), curves
 
 
-def _paths(
+def setting_of_sweeps(
+    model: Model, values: Mapping[str, float], excitation: Excitation, measured: xr.Dataset
+) -> Setting:
+    """Return the setting of a model, under the excitation of the first point of a measured response."""
+    frequency, level = float(measured["frequency"][0]), float(measured["level"][0])
+    return Setting(model, replace(excitation, frequency=frequency, amplitude=level, phase=0.0), values)
+
+
+def swept_paths(
     setting: Setting, bodies: Sequence[str], measured: xr.Dataset, known: KnownSweeps
 ) -> Iterator[tuple[float, float, Callable[[float], float], SweptPath]]:
     """Yield number, direction, level over frequency, and path of each sweep.
@@ -231,7 +237,9 @@ def _gone_on(
     """Path that goes on from the last motion of the sweep before; None where that from rest begins with the same."""
     last = before.pieces[-1]
     if rest.pieces and rest.pieces[0].periods == last.periods:
-        begin, end = _amplitudes(setting, level, rest.pieces[0], 0), _amplitudes(setting, level, last, -1)
+        begin, end = (
+            harmonics_of_piece(setting, level, *own)[:, :, 1] for own in ((rest.pieces[0], 1, 0), (last, 1, -1))
+        )
         if np.abs(begin - end).max() <= SAME_MOTION * np.abs(end).max():
             return None
     return swept_path(partial(_map, setting, level), stops, series, before.last)
@@ -250,7 +258,7 @@ def _distance(
     """Distance of a path from amplitudes measured at a frequency [Hz]: logarithms of their ratios  [1]."""
     piece = next((one for one in path.pieces if min(one.frequency) <= frequency <= max(one.frequency)), path.pieces[0])
     order = np.argsort(piece.frequency)
-    amplitudes = np.abs(_amplitudes(setting, level, piece))[order]
+    amplitudes = np.abs(harmonics_of_piece(setting, level, piece, 1)[:, :, 1])[order]
     tiny = np.finfo(float).tiny
     own = {body: float(np.interp(frequency, piece.frequency[order], amplitudes[:, body])) for body in sizes}
     return sum(abs(math.log(max(own[body], tiny) / size)) for body, size in sizes.items())
@@ -268,15 +276,18 @@ def _stops(frequency: np.ndarray, direction: float) -> np.ndarray:
     return np.array([*stops, high])[:: int(direction)]
 
 
-def _amplitudes(
-    setting: Setting, level: Callable[[float], float], piece: Piece | SeriesStretch, at: int | None = None
+def harmonics_of_piece(
+    setting: Setting, level: Callable[[float], float], piece: Piece | SeriesStretch, highest: int, at: int | None = None
 ) -> np.ndarray:
-    """Complex amplitudes (m, body) of the displacement of a stretch, or of its motion `at` alone, m = 1  [m]."""
+    """Complex amplitudes (m, body, highest + 1) of the displacement of a stretch, or of its motion `at`  [m].
+
+    highest : harmonic, at most the lowest of `calib.dynamics.swept_series.SERIES_HARMONICS`
+    """
     chosen = slice(None) if at is None else [at]
     if isinstance(piece, SeriesStretch):
-        return piece.amplitude[chosen]
+        return piece.harmonics[chosen, :, : highest + 1]
     pairs = zip(piece.frequency[chosen].tolist(), piece.states[chosen], strict=True)
-    return np.array([harmonics_of_cycle(setting, piece.periods, 1, f, level(f), x)[0][:, 1] for f, x in pairs])
+    return np.array([harmonics_of_cycle(setting, piece.periods, highest, f, level(f), x)[0] for f, x in pairs])
 
 
 def _map(setting: Setting, level: Callable[[float], float], frequency: float) -> PeriodMap:

@@ -42,7 +42,7 @@ class SeriesStretch(NamedTuple):
     Attributes
     ----------
     frequency : (m,)  [Hz]
-    amplitude : (m, body) complex  [m]
+    harmonics : (m, body, H + 1) complex amplitudes of the displacement, the first of which is the mean  [m]
     coefficients : (m, n, 2 H + 1) of the modal motion  [kg^1/2 m]
     scale : of these by which the steps along it were chosen  [kg^1/2 m]
     last : state (dimension,) of the section at its last motion
@@ -50,7 +50,7 @@ class SeriesStretch(NamedTuple):
     """
 
     frequency: np.ndarray
-    amplitude: np.ndarray
+    harmonics: np.ndarray
     coefficients: np.ndarray
     scale: float
     last: np.ndarray
@@ -192,7 +192,7 @@ class SeriesSweep:
         begin = self.setting.section_phase
         return SeriesStretch(
             np.array([curve.parameter(own) for own in z]),
-            np.array([curve.complex_amplitudes(own, begin)[:, 1] for own in z]),
+            np.array([curve.complex_amplitudes(own, begin) for own in z]),
             curve.unpacked_all(z)[0],
             curve.scale,
             curve.state(z[-1]),

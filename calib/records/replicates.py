@@ -39,6 +39,18 @@ def replicates(record: xr.Dataset) -> np.ndarray:
     return group
 
 
+def levels_of_sweeps(record: xr.Dataset) -> np.ndarray:
+    """Number (point,) of the level that the sweep of each point has, by its median: of repeated sweeps the same."""
+    number, medians = np.empty(record.sizes["point"], dtype=int), list[float]()
+    for _, points in sweeps(record):
+        own = float(np.median(record["level"].values[points]))
+        same = [k for k, known in enumerate(medians) if _ratio(known, own) <= SAME_LEVEL_RATIO]
+        if not same:
+            medians.append(own)
+        number[points] = same[0] if same else len(medians) - 1
+    return number
+
+
 def _ratio(one: float, other: float) -> float:
     """Ratio of two positive levels, the larger over the smaller."""
     return max(one, other) / min(one, other)

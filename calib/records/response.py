@@ -28,6 +28,8 @@ DIMS: Mapping[str, tuple[str, ...]] = {
     "in_phase": ("body", "point"), "quadrature": ("body", "point"),
 }  # fmt: skip
 SIGMA_DIMS: Mapping[str, tuple[str, ...]] = {"response_sigma": ("body", "point"), "frequency_sigma": ("point",)}
+STATES_PER_MOTION = 32  # of a period  [count]
+GOLDEN_SECTION = 0.5 * (5.0**0.5 - 1.0)  # whose multiples spread evenly over the unit interval  [1]
 UNITS = {"frequency": "Hz", "in_phase": "m", "quadrature": "m", "response_sigma": "m", "frequency_sigma": "Hz"}
 AMPLITUDE_SIGMA_SHARE = 0.02  # standard uncertainty that is taken where none is stated, over the rms amplitude  [1]
 FREQUENCY_SIGMA_STEPS = 0.1  # the same of the frequency, over the mean step between the frequencies of a sweep  [1]
@@ -75,6 +77,30 @@ def make_response(
 def complex_amplitude(record: xr.Dataset) -> np.ndarray:
     """Complex amplitude (body, point) of a response  [m]."""
     return record.variables["in_phase"].values + 1j * record.variables["quadrature"].values
+
+
+def states_of_motions(frequency: np.ndarray, harmonics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement and velocity (body, n) at instants of periodic motions  [m], [m/s].
+
+    The second half of the instants are those half a period after the first: of a motion that is symmetric half-wave,
+    of odd harmonics alone, the states there are the opposite ones.
+
+    Parameters
+    ----------
+    frequency : (m,)  [Hz]
+    harmonics : (body, harmonic, m) complex amplitudes, the first of which is the mean  [m]
+    """
+    count = STATES_PER_MOTION // 2
+    start = GOLDEN_SECTION * np.arange(frequency.size)  # of a stride over the instants no phase is left out
+    turn = (start[:, None] + np.arange(count) / STATES_PER_MOTION) % 1.0
+    phase = 2.0 * np.pi * np.stack([turn, turn + 0.5])  # (half, m, count)
+    orders = np.arange(harmonics.shape[1])
+    wave = np.exp(1j * orders[:, None, None, None] * phase)
+    omega = 2.0 * np.pi * frequency
+    displacement = np.einsum("bkm,khmn->bhmn", harmonics, wave).real
+    velocity = np.einsum("bkm,khmn->bhmn", 1j * orders[:, None] * omega * harmonics, wave).real
+    shape = len(harmonics), -1
+    return displacement.reshape(shape), velocity.reshape(shape)
 
 
 def with_amplitude(record: xr.Dataset, amplitude: np.ndarray) -> xr.Dataset:

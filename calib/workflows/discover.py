@@ -16,7 +16,6 @@ from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
 from calib.workflows.found_effect import apply_force
 from calib.workflows.kept_simulations import kept_simulations
-from calib.workflows.time_records import check_time_records
 
 FORCE_PICTURE = "discovery.png"
 SIMULATIONS = "discovery.simulations"  # file of those of a search that did not end
@@ -60,7 +59,7 @@ def discover_study(
     CalibError : a mistake in the study file or the budget, or the study has not been calibrated
     """
     limit = Budget.of(budget)
-    file = check_time_records(load(path, jobs=jobs, out=out, pool=pool), "discover")
+    file = load(path, jobs=jobs, out=out, pool=pool)
     values = calibrated_values(file, file.folder)
     with kept_simulations(file, SIMULATIONS, on_stage) as kept:
         discovery = discover(

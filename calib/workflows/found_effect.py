@@ -13,11 +13,11 @@ import numpy as np
 
 from calib.diagnosis.candidate import Scales, candidates
 from calib.diagnosis.discovery.continuation import known_region
-from calib.diagnosis.discovery.discover import FOUND, Discovery
 from calib.diagnosis.discovery.document import OF_HISTORY
 from calib.diagnosis.discovery.formula import Number
 from calib.diagnosis.discovery.formulas import FormulaTrial, prefix_of
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, SYMBOLS, UNITS, VELOCITY, FreeForce
+from calib.diagnosis.discovery.outcome import FOUND, Discovery
 from calib.diagnosis.discovery.trial import ForceTrial, described
 from calib.diagnosis.fit import Fit
 from calib.errors import CalibError
@@ -212,6 +212,7 @@ def _call(force: FreeForce, number: int) -> str:
 
 def _table(force: FreeForce, fit: Fit) -> str:
     """Numbers of a free force, as lines of Python."""
-    numbers = [p.nominal if p.null is None else fit.value(p.name) for p in force.effect.parameters]
+    held = [p.nominal for p in force.effect.parameters if p.null is None]
+    numbers = [*held, *force.all_coefficients(np.array([fit.value(name) for name in force.coefficients]))]
     lines = [", ".join(f"{n:.10g}" for n in numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
     return "[" + ",\n     ".join(lines) + "]"

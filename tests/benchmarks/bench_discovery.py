@@ -43,7 +43,8 @@ from hidden.motion import Refused
 from hidden.table import all_played
 
 from calib.diagnosis.bench import Bench, Run
-from calib.diagnosis.discovery.discover import FOUND, NOTHING, Discovery, discover
+from calib.diagnosis.discovery.discover import discover
+from calib.diagnosis.discovery.outcome import FOUND, NOTHING, Discovery
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.preparation import NotDiagnosable, bench_of, prepared

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from hidden.hider import hide
 
-from calib.diagnosis.discovery.discover import FOUND, NOTHING, discover
+from calib.diagnosis.discovery.discover import discover
+from calib.diagnosis.discovery.outcome import FOUND, NOTHING
 from calib.execution.pool import InProcess
 from calib.store import Store
 from calib.study import evaluate

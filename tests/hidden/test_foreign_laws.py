@@ -9,7 +9,7 @@ from hidden import flight
 from hidden.foreign_laws import KINDS, SIZES, flown, hidden, system
 from hidden.motion import at_rest, repeating
 
-from calib.diagnosis.discovery.discover import FOUND
+from calib.diagnosis.discovery.outcome import FOUND
 
 NOISES = [0.003, 0.01, 0.03]
 

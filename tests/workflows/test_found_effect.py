@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from workflows.test_discover import STUDY, record
 
-from calib.diagnosis.discovery.discover import Discovery
 from calib.diagnosis.discovery.formula import Factor, Formula, FormulaTerm
 from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY, free_force
+from calib.diagnosis.discovery.outcome import Discovery
 from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States
 from calib.diagnosis.discovery.place import ForcePlace
 from calib.diagnosis.discovery.shapes import ABOVE, ODD_POWER, SINE

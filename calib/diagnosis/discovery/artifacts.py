@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from calib.diagnosis.discovery.discover import Discovery
 from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.diagnosis.discovery.outcome import Discovery
 from calib.diagnosis.discovery.serialise import discovery_result
 from calib.store.document import read_document, write_document
 

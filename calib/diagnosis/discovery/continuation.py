@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.diagnosis.discovery.discover import Discovery
 from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import DISPLACEMENT
+from calib.diagnosis.discovery.outcome import Discovery
 from calib.diagnosis.discovery.penalised import FreeModel, States
 
 MAX_CONTINUATION = 0.5  # beyond each end of the visited region, over its width  [1]

@@ -2,10 +2,10 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,19 +13,18 @@ from calib.diagnosis.bench import Bench
 from calib.diagnosis.candidate import Candidate, candidates
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.discovery.document import OF_HISTORY
-from calib.diagnosis.discovery.formulas import FormulaTrial, expected_of_formulas, formulas_of
+from calib.diagnosis.discovery.formulas import expected_of_formulas, formulas_of
 from calib.diagnosis.discovery.free_force import SURFACE_COEFFICIENTS, FreeForce, free_force
-from calib.diagnosis.discovery.history import HistoryTrial, history_trials
-from calib.diagnosis.discovery.left_out import LeftOutMisfit, left_out_misfit
-from calib.diagnosis.discovery.partial_spline import PartialSpline
-from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, States, nested, penalised_fit, visited_states
-from calib.diagnosis.discovery.place import ForcePlace, force_places, visited_regions
+from calib.diagnosis.discovery.history import history_trials
+from calib.diagnosis.discovery.left_out import left_out_misfit
+from calib.diagnosis.discovery.outcome import FOUND, NOT_DIAGNOSABLE, NOTHING, UNDETERMINED, Discovery
+from calib.diagnosis.discovery.penalised import FreeModel, PenalisedFit, nested, penalised_fit, visited_states
+from calib.diagnosis.discovery.place import ForcePlace, VisitedRegion, force_places, visited_regions
 from calib.diagnosis.discovery.summary import (
     CUT_SHORT,
     NO_STEP,
     UNTESTED,
     UNTOLD,
-    explained_share,
     summary_of,
     summary_of_history,
 )
@@ -41,7 +40,6 @@ from calib.diagnosis.discovery.visited_curve import curve_in_words, is_open_curv
 from calib.diagnosis.effort import Budget, Effort
 from calib.diagnosis.excess import chi2_std, excess_chi2, significant
 from calib.diagnosis.fit import Fit
-from calib.diagnosis.gates import Gate
 from calib.diagnosis.preparation import NotDiagnosable, Prepared, bench_of, numerical, pool_of, prepared
 from calib.diagnosis.screening import KnownDerivatives, screened
 from calib.diagnosis.speculation import SpeculativePool
@@ -55,71 +53,10 @@ from calib.objective import Reference
 from calib.store.kept_results import KeptResults
 from calib.study import CalibrationStudy
 
-FOUND, NOTHING, UNDETERMINED, NOT_DIAGNOSABLE = "found", "nothing", "undetermined", "not_diagnosable"
 FITS_PER_PLACE, STEPS_PER_FREE_FIT = 3, 8  # as measured  [count]
 SIMULATIONS_PER_COEFFICIENT = 2.5  # of each record for its derivative, as measured  [count]
 DERIVATIVES_PER_SURFACE_FIT = 1.5  # by all coefficients, as measured  [count]
 EXPECTED_FORMULAS = 8  # that are refitted, as measured  [count]
-
-
-@dataclass(frozen=True, eq=False)
-class Discovery:
-    """The result of a search for a force law.
-
-    Attributes
-    ----------
-    verdict : "found", "history_dependent" (a law with internal states predicts better than any function of the state),
-        "nothing", "undetermined" (the records cannot tell, of what it is a function at least) or "not_diagnosable"
-    summary : the verdict in a sentence
-    gates : that were tested
-    trials : models that were fitted, in their order
-    chosen : the simplest model that predicts as well as the best; None where nothing was found
-    rivals : places at which a force predicts as well, the chosen one excluded
-    states : of the place in the simulations of the chosen model, None without one
-    null : the calibrated model, fitted; None where a gate failed
-    null_left_out : misfit of the left-out records without a force
-    excess_chi2 : of the calibrated model, and of the chosen one (0 without one)
-    formulas : of the chosen model, the best first; empty without one
-    histories : laws with internal states that were refitted in its place, the one that predicts best first
-    cut_short : whether the budget ended it before all was tried
-    curves : places at which all records visit one curve of states, with what coincides there in words
-    seconds, simulations : of the search  [s]
-    """
-
-    verdict: str
-    summary: str
-    gates: tuple[Gate, ...]
-    trials: tuple[ForceTrial, ...] = ()
-    chosen: ForceTrial | None = None
-    rivals: tuple[str, ...] = ()
-    states: States | None = None
-    null: Fit | None = None
-    null_left_out: LeftOutMisfit | None = None
-    excess_chi2: tuple[float, float] = (0.0, 0.0)
-    formulas: tuple[FormulaTrial, ...] = ()
-    histories: tuple[HistoryTrial, ...] = ()
-    cut_short: bool = False
-    curves: Mapping[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-    simulations: int = 0
-
-    @property
-    def formula_trial(self) -> FormulaTrial | None:
-        """Formula of the force: the first, where it predicts as well as the free force; None where history counts."""
-        if self.verdict == OF_HISTORY:
-            return None
-        return next((trial for trial in self.formulas[:1] if trial.predicts), None)
-
-    @cached_property
-    def partial_spline(self) -> PartialSpline | None:
-        """Force as the formula and what the records add to it; None where no formula predicts as well."""
-        trial = self.formula_trial
-        return None if trial is None or self.chosen is None else PartialSpline.of(self.chosen.fitted, trial)
-
-    @property
-    def explained(self) -> float:
-        """Share of the excess chi-square that the chosen model explains  [1]."""
-        return explained_share(*self.excess_chi2)
 
 
 def discover(
@@ -183,9 +120,7 @@ def _discovered(
         )
     forces: dict[tuple[str, tuple[str, ...]], FreeForce] = {}
     for body, region in regions.items():
-        forces |= {
-            (body, a): free_force(body, a, region, places[body].compliant) for a in (OF_DISPLACEMENT, OF_VELOCITY)
-        }
+        forces |= {(body, a): _free_force(places[body], a, region) for a in (OF_DISPLACEMENT, OF_VELOCITY)}
     instrumental = [effect for effect in effects if effect.noise]
     suspected = [*(force.effect for force in forces.values()), *instrumental, *numerical(effects)]
     ready = prepared(pool, bench, study, values, suspected, on_stage)
@@ -203,6 +138,11 @@ def _refusal(simulator: Simulator) -> str:
     return f"simulator {simulator.name!r} takes no force laws: a force cannot be searched inside it"
 
 
+def _free_force(place: ForcePlace, arguments: tuple[str, ...], region: VisitedRegion) -> FreeForce:
+    """Return a free force at a place: an odd function where all records are responses that even ones do not change."""
+    return free_force(place.name, arguments, region.ends, place.compliant, region.half_wave_symmetric)
+
+
 class _ForceSearch:
     """Free forces at all places: scored, fitted from the simplest on, compared by what they predict."""
 
@@ -211,7 +151,7 @@ class _ForceSearch:
         ready: Prepared,
         forces: Mapping[tuple[str, tuple[str, ...]], FreeForce],
         places: Mapping[str, ForcePlace],
-        regions: Mapping[str, Mapping[str, tuple[float, float]]],
+        regions: Mapping[str, VisitedRegion],
         references: Mapping[str, Reference],
         study: CalibrationStudy,
         effects: Sequence[Effect],
@@ -232,7 +172,11 @@ class _ForceSearch:
             place, own = self.places[name], discovery.chosen is not None and discovery.chosen.body == name
             states = discovery.states if own else visited_states(self.fitter, self.null.point, place)
             curves[name] = "" if states is None else curve_in_words(states, place)
-        discovery = replace(discovery, curves={name: text for name, text in curves.items() if text})
+        discovery = replace(
+            discovery,
+            curves={name: text for name, text in curves.items() if text},
+            frequencies=_response_frequencies(self.references.values()),
+        )
         if self.fitter.effort.spent and self.trials:
             return replace(discovery, verdict=UNDETERMINED, summary=f"{CUT_SHORT}: {discovery.summary}")
         if discovery.chosen is None or discovery.states is None or not is_open_curve(discovery.states):
@@ -305,7 +249,7 @@ class _ForceSearch:
         """Free function of both arguments on a body, as a candidate."""
         if (body, OF_STATE) in self.forces:
             return self.candidates[self.forces[body, OF_STATE].name]
-        force = free_force(body, OF_STATE, self.regions[body], self.places[body].compliant)
+        force = _free_force(self.places[body], OF_STATE, self.regions[body])
         self.forces[body, OF_STATE] = force
         [candidate], _ = candidates(self.study.model, [force.effect], self.references, self.study.space.names)
         self.candidates[force.name] = candidate
@@ -371,12 +315,18 @@ class _ForceSearch:
             return model.fit.chi2 - model.degrees_of_freedom(evidence)
         return excess_chi2(evidence, model)
 
+    @property
+    def _surface_coefficients(self) -> int:
+        """Coefficients of a surface at the most."""
+        odd = all(force.odd for force in self.forces.values())
+        return SURFACE_COEFFICIENTS // 2 if odd else SURFACE_COEFFICIENTS
+
     def _foresee(self, scored: int = 0, fits: int = 0, surfaces_scored: int = 0, surfaces_fitted: int = 0) -> None:
         """Foresee scores of so many coefficients, fits of functions of one argument, surfaces, and the formulas."""
         of_all = SIMULATIONS_PER_COEFFICIENT * len(self.fitter.evidence.parts)
         derivatives = surfaces_scored + DERIVATIVES_PER_SURFACE_FIT * surfaces_fitted
         self.fitter.effort.foresee(
-            of_all * (scored + derivatives * SURFACE_COEFFICIENTS)
+            of_all * (scored + derivatives * self._surface_coefficients)
             + fits * self.fitter.expected_simulations(4, STEPS_PER_FREE_FIT)
             + expected_of_formulas(self.fitter, EXPECTED_FORMULAS)
         )
@@ -433,6 +383,12 @@ class _ForceSearch:
         if not better:
             return replace(found, histories=trials)
         return replace(found, verdict=OF_HISTORY, summary=summary_of_history(chosen, better), histories=trials)
+
+
+def _response_frequencies(references: Iterable[Reference]) -> tuple[float, float] | None:
+    """Lowest and highest frequency at which responses among records were measured; None without one  [Hz]."""
+    own = [reference.record["frequency"].values for reference in references if reference.is_swept]
+    return (float(min(f.min() for f in own)), float(max(f.max() for f in own))) if own else None
 
 
 def _leading(suspects: Sequence[Screened], threshold: float) -> list[Scored]:

@@ -8,6 +8,7 @@ from calib.diagnosis.document import GateResult
 from calib.store.plain import plain, typed
 from calib.units import plain_number
 
+MAX_NARROW_BAND = 1.25  # highest over lowest frequency, in which a velocity is told from a displacement by little  [1]
 OF_HISTORY = "history_dependent"  # verdict that a law with internal states predicts better than functions of the state
 
 
@@ -117,6 +118,47 @@ class HistoryResult:
 
 
 @dataclass(frozen=True)
+class DescribingFunctionResult:
+    """Describing function of a force: of it the first harmonic under a harmonic motion, over the amplitude of that.
+
+    All that the first harmonic of a response sees of a force law, to first order: equivalent stiffness and damping.
+
+    Attributes
+    ----------
+    frequency : of the motion  [Hz]
+    band : lowest and highest frequency at which responses were measured  [Hz]
+    amplitudes : of the displacement  [m]
+    stiffness, stiffness_error : equivalent ones per unit mass, without what calibration absorbs, and standard errors
+        [1/s^2]
+    damping, damping_error : likewise  [1/s]
+    """
+
+    frequency: float
+    band: tuple[float, float]
+    amplitudes: tuple[float, ...]
+    stiffness: tuple[float, ...]
+    stiffness_error: tuple[float, ...]
+    damping: tuple[float, ...]
+    damping_error: tuple[float, ...]
+
+    @property
+    def limits(self) -> str:
+        """What cannot be told from it, in a few sentences."""
+        text = (
+            "A frequency response is the first harmonic of the motion: of a force it tells the describing function, "
+            "the equivalent stiffness and damping over the amplitude. Laws that share it are indistinguishable"
+        )
+        low, high = self.band
+        if high > MAX_NARROW_BAND * low:
+            return f"{text}: of even functions of the state it is nil"
+        return (
+            f"{text}: of even functions of the state it is nil, and between {low:.4g} and {high:.4g} Hz the same loss "
+            "is made by a function of velocity, by one that displacement multiplies, such as |x| v beside |v| v, and "
+            "by hysteresis"
+        )
+
+
+@dataclass(frozen=True)
 class TrialResult:
     """A model with free forces that was fitted.
 
@@ -166,6 +208,7 @@ class DiscoveryResult:
     interface : whether it acts between two bodies, as a function of their clearance, which takes the place of the
         displacement, and of its rate
     histories : laws with internal states in the place of the force, the one that predicts best first
+    describing_function : of a force on a body, where records are frequency responses
     """
 
     verdict: str
@@ -190,6 +233,7 @@ class DiscoveryResult:
     cut_short: bool = False
     curves: tuple[str, ...] = ()
     histories: tuple[HistoryResult, ...] = ()
+    describing_function: DescribingFunctionResult | None = None
 
     @property
     def depends_on_history(self) -> bool:

@@ -3,6 +3,9 @@
 Breakpoints t_0 < ... < t_m of each argument span the region that the records visit; end knots are repeated, so that m
 intervals have m + 3 basis functions (de Boor, A Practical Guide to Splines, 2001, chapter 9). Beyond the region each
 function is continued linearly. The force is linear in its coefficients, and absent where all of them are zero.
+
+An odd function has opposite values at opposite states. Coefficients of basis functions that mirror each other at zero
+are then opposite, and the upper half of them are its parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -61,6 +64,40 @@ def curve(u: float, p: np.ndarray) -> float:  # pragma: no cover - compiled
     return a * p[k] + b * p[k + 1] + c * p[k + 2] + d * p[k + 3]
 
 
+@njit(cache=True)
+def _mirrored(k: int, p: np.ndarray, first: int, count: int) -> float:  # pragma: no cover - compiled
+    """Coefficient k of `count` of an odd function, the upper half of which p holds from `first` on."""
+    lower = count - count // 2
+    if k >= lower:
+        return p[first + k - lower]
+    if k < count // 2:
+        return -p[first + count - 1 - k - lower]
+    return 0.0
+
+
+@njit(cache=True)
+def odd_curve(u: float, p: np.ndarray) -> float:  # pragma: no cover - compiled
+    """Odd function of one argument: p as of `curve`, but for the coefficients: the upper half of them."""
+    m = int(p[0])
+    i, a, b, c, d = _weights(u, p, 1, m)
+    total = 0.0
+    for k, weight in enumerate((a, b, c, d)):
+        total += weight * _mirrored(i + k, p, m + 2, m + 3)
+    return total
+
+
+@force
+def odd_along_x(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
+    """Return the force per unit mass [m/s^2] at the displacement x [m]: an odd function."""
+    return odd_curve(x, p)
+
+
+@force
+def odd_along_v(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
+    """Return the force per unit mass [m/s^2] at the velocity v [m/s]: an odd function."""
+    return odd_curve(v, p)
+
+
 @force
 def along_x(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
     """Return the force per unit mass [m/s^2] at the displacement x [m]: sum of c_k B_k(x)."""
@@ -100,10 +137,34 @@ def over_states(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: 
     return surface(x, v, p)
 
 
+@njit(cache=True)
+def odd_surface(x: float, v: float, p: np.ndarray) -> float:  # pragma: no cover - compiled
+    """Odd function of two arguments: p as of `surface`, but for the coefficients: the upper half of them."""
+    m, n = int(p[0]), int(p[1])
+    i, a0, a1, a2, a3 = _weights(x, p, 2, m)
+    j, b0, b1, b2, b3 = _weights(v, p, m + 3, n)
+    total = 0.0
+    for k, a in enumerate((a0, a1, a2, a3)):
+        for q, b in enumerate((b0, b1, b2, b3)):
+            total += a * b * _mirrored((i + k) * (n + 3) + j + q, p, m + n + 4, (m + 3) * (n + 3))
+    return total
+
+
+@force
+def odd_over_states(t: float, x: float, v: float, p: np.ndarray, z: np.ndarray, dz: np.ndarray) -> float:
+    """Return the force per unit mass [m/s^2] at x [m] and v [m/s]: opposite at opposite states."""
+    return odd_surface(x, v, p)
+
+
 LAWS: dict[tuple[str, ...], Law] = {
     (DISPLACEMENT,): along_x,
     (VELOCITY,): along_v,
     (DISPLACEMENT, VELOCITY): over_states,
+}
+ODD_LAWS: dict[tuple[str, ...], Law] = {
+    (DISPLACEMENT,): odd_along_x,
+    (VELOCITY,): odd_along_v,
+    (DISPLACEMENT, VELOCITY): odd_over_states,
 }
 
 
@@ -116,11 +177,13 @@ class FreeForce:
     body : on which it acts
     arguments : "displacement", "velocity", or both in this order
     breaks : of each argument, its increasing breakpoints (m + 1,)  [m] or [m/s]
+    odd : whether it is opposite at opposite states; breakpoints are then the same on both sides of zero
     """
 
     body: str
     arguments: tuple[str, ...]
     breaks: tuple[np.ndarray, ...]
+    odd: bool = False
 
     @property
     def name(self) -> str:
@@ -131,7 +194,7 @@ class FreeForce:
     def coefficients(self) -> tuple[str, ...]:
         """Names of its coefficients  [m/s^2]."""
         count = int(np.prod([t.size - 1 + DEGREE for t in self.breaks]))
-        return tuple(f"{self.name}_c{k:02d}" for k in range(count))
+        return tuple(f"{self.name}_c{k:02d}" for k in range(count // 2 if self.odd else count))
 
     @cached_property
     def effect(self) -> Effect:
@@ -148,9 +211,9 @@ class FreeForce:
         return Effect(
             name=self.name,
             site="force",
-            law=LAWS[self.arguments],
+            law=(ODD_LAWS if self.odd else LAWS)[self.arguments],
             parameters=(*held, *free),
-            meaning=f"a free function of {' and '.join(self.arguments)} on {self.body}",
+            meaning=f"a free{' odd' * self.odd} function of {' and '.join(self.arguments)} on {self.body}",
             equation=f"f({', '.join(SYMBOLS[a] for a in self.arguments)})",
             bodies=(self.body,),
             cite="de Boor, A Practical Guide to Splines (2001), chapter 9",
@@ -163,8 +226,17 @@ class FreeForce:
             for a, t in zip(self.arguments, self.breaks, strict=True)
         ]
         if len(weights) == 1:
-            return weights[0]
-        return (weights[0][:, :, None] * weights[1][:, None, :]).reshape(len(x), -1)
+            return self._halved(weights[0])
+        return self._halved((weights[0][:, :, None] * weights[1][:, None, :]).reshape(len(x), -1))
+
+    def _halved(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (n, coefficients) of columns (n, p) of all basis functions."""
+        half = columns.shape[1] // 2
+        return columns[:, -half:] - columns[:, :half][:, ::-1] if self.odd else columns
+
+    def all_coefficients(self, own: np.ndarray) -> np.ndarray:
+        """Coefficients (p,) of all basis functions, of its own (coefficients,)  [m/s^2]."""
+        return self._halved(np.eye(int(np.prod([t.size - 1 + DEGREE for t in self.breaks])))) @ own
 
     @cached_property
     def roughness(self) -> tuple[np.ndarray, ...]:
@@ -175,13 +247,17 @@ class FreeForce:
         """
         own = [_second_differences(t) for t in self.breaks]
         if len(own) == 1:
-            return (own[0],)
+            return (self._halved(own[0]),)
         first, second = (np.eye(d.shape[1]) for d in own)
-        return np.kron(own[0], second), np.kron(first, own[1])
+        return self._halved(np.kron(own[0], second)), self._halved(np.kron(first, own[1]))
 
 
 def free_force(
-    body: str, arguments: Sequence[str], visited: Mapping[str, tuple[float, float]], in_contact: bool = False
+    body: str,
+    arguments: Sequence[str],
+    visited: Mapping[str, tuple[float, float]],
+    in_contact: bool = False,
+    odd: bool = False,
 ) -> FreeForce:
     """Return a free force over a visited region.
 
@@ -192,19 +268,22 @@ def free_force(
     visited : argument -> its least and largest value in the records  [m], [m/s]
     in_contact : whether the displacement is a clearance that a compliant contact makes negative: half of its intervals
         are then in contact, and half out of it
+    odd : whether it is opposite at opposite states: the region is then as wide on both sides of zero
     """
     intervals = INTERVALS[tuple(arguments)]
     grade = GRADE if tuple(arguments) == (VELOCITY,) else 1.0
     breaks = []
     for argument in arguments:
         low, high = visited[argument]
+        if odd:
+            low, high = -max(-low, high), max(-low, high)
         if in_contact and argument == DISPLACEMENT and low < 0.0 < high:
             within = intervals // 2
             out = breakpoints(0.0, high, intervals - within)
             breaks.append(np.concatenate([breakpoints(low, 0.0, within), out[1:]]))
         else:
             breaks.append(breakpoints(low, high, intervals, grade))
-    return FreeForce(body, tuple(arguments), tuple(breaks))
+    return FreeForce(body, tuple(arguments), tuple(breaks), odd)
 
 
 def breakpoints(low: float, high: float, intervals: int, grade: float = 1.0) -> np.ndarray:

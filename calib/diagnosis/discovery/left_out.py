@@ -1,6 +1,7 @@
-"""Prediction of records, or blocks of time, that a model with free forces was not fitted to.
+"""Prediction of records, levels of a frequency response, or blocks of time, that a model was not fitted to.
 
-One fold after the other is left out, as in `calib.diagnosis.prediction`: the model is refitted to the others,
+One fold after the other is left out, as in `calib.diagnosis.prediction`, but that of a single frequency response these
+are its levels, which go through other states than each other: the model is refitted to the others,
 linearised about its fit to all data, and only the left-out record's own nuisances are solved for in it. The weights of
 the penalties are those that the others have: with weights of all data, which know how smooth the functions have to be
 in the left-out ones too, the model of more functions would be preferred too often (Greven & Kneib, Biometrika 97 (2010)
@@ -23,6 +24,7 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.prediction import folds
 
+MAX_LEVEL_FOLDS = 8  # of a frequency response  [count]
 LEFT_OUT_RANK_TOLERANCE = 1e-9  # singular value over the largest, below which a direction is not moved  [1]
 
 
@@ -62,11 +64,30 @@ def left_out_misfit(evidence: Evidence, fit: Fit, penalised: PenalisedFit | None
     penalised : of a model with free forces, whose fit it is
     """
     names, deviances = [], []
-    for name, left_out in folds(evidence):
+    for name, left_out in _levels(evidence) or folds(evidence):
         rows, target = _penalty(fit, left_out, penalised)
         deviances.append(_deviance(fit, left_out, rows, target))
         names.append(name)
     return LeftOutMisfit(tuple(names), np.array(deviances), fit.residual.size) if names else None
+
+
+def _levels(evidence: Evidence) -> list[tuple[str, np.ndarray]]:
+    """Name and residuals (N,) of each level of a single frequency response, of neighbouring ones where they are many.
+
+    Empty for other records, and for a single level.
+    """
+    part = evidence.parts[0]
+    if len(evidence.parts) > 1 or part.level is None or part.sweep is None:
+        return []
+    groups = np.array_split(np.unique(part.level), min(MAX_LEVEL_FOLDS, np.unique(part.level).size))
+    if len(groups) == 1:
+        return []
+    masks = [np.isin(part.level, group) for group in groups]
+    sweeps = [", ".join(f"{number:g}" for number in dict.fromkeys(part.sweep[mask].tolist())) for mask in masks]
+    return [
+        (f"sweep{'s' * (',' in own)} {own} of {part.name}", np.tile(mask, len(part.rows)))
+        for own, mask in zip(sweeps, masks, strict=True)
+    ]
 
 
 def _penalty(fit: Fit, left_out: np.ndarray, penalised: PenalisedFit | None) -> tuple[np.ndarray, np.ndarray]:

@@ -1,17 +1,19 @@
 """Places where a missing force may act: bodies, and interfaces between two of them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.bench import Bench, Run, simulated
+from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
 from calib.modelling.effect import interfaces_of, places_of
 from calib.modelling.simulator import Simulator
 from calib.objective import Reference
+from calib.records.response import complex_amplitude, has_phase, states_of_motions
 from calib.study import Pool
 
+MAX_HALF_WAVE_ASYMMETRY = 1e-4  # of states half a period apart: of their sum, over their size  [1]
 AT_INTERFACE = {DISPLACEMENT: "clearance", VELOCITY: "its rate"}  # what the arguments of a force law are there
 
 
@@ -67,29 +69,71 @@ def force_places(simulator: Simulator) -> list[ForcePlace]:
     return places
 
 
+@dataclass(frozen=True)
+class VisitedRegion:
+    """What a force law sees at a place in the records.
+
+    Attributes
+    ----------
+    ends : argument -> its least and largest value  [m], [m/s]
+    half_wave_symmetric : whether all records are frequency responses, of motions that half a period later are opposite:
+        an even function of the state then changes no first harmonic, to first order
+    """
+
+    ends: Mapping[str, tuple[float, float]]
+    half_wave_symmetric: bool = False
+
+
 def visited_regions(
     pool: Pool,
     bench: Bench,
     references: Mapping[str, Reference],
     values: Mapping[str, float],
     places: Iterable[ForcePlace],
-) -> dict[str, dict[str, tuple[float, float]]]:
+) -> dict[str, VisitedRegion]:
     """Least and largest displacement [m] and velocity [m/s] that a force law sees at each place where a body moves.
 
-    Measured ones where the references compare them, simulated ones at these values of parameters elsewhere.
+    Measured ones where the references compare them, simulated ones at these values of parameters elsewhere. Those of a
+    measured frequency response are those of its first harmonic.
     """
     regions = {}
     for place in places:
         simulations = simulated(pool, [Run(name, values, rows=place.rows) for name in references])
         ends: list[np.ndarray] = []
         for (name, reference), view in zip(references.items(), simulations, strict=True):
-            if set(place.rows) <= set(bench.rows[name]):
-                bodies = [str(b) for b in reference.record.body.values]
-                rows = np.array([reference.record[c].values[bodies.index(body)] for body, c in place.rows])
+            rows = _measured_rows(place, reference, bench.rows[name])
+            if rows is None and view.usable:
+                rows = view.rows
+            if rows is not None:
                 ends.append(place.states(rows, values))
-            elif view.usable:
-                ends.append(place.states(view.rows, values))
         if ends:
             low, high = (end(np.concatenate(ends, axis=1), axis=1).tolist() for end in (np.min, np.max))
-            regions[place.name] = dict(zip((DISPLACEMENT, VELOCITY), zip(low, high, strict=True), strict=True))
-    return {name: region for name, region in regions.items() if all(high > low for low, high in region.values())}
+            pairs = dict(zip((DISPLACEMENT, VELOCITY), zip(low, high, strict=True), strict=True))
+            swept = all(reference.is_swept for reference in references.values())
+            symmetric = swept and all(_is_half_wave_symmetric(place, view, values) for view in simulations)
+            regions[place.name] = VisitedRegion(pairs, symmetric)
+    return {name: region for name, region in regions.items() if all(high > low for low, high in region.ends.values())}
+
+
+def _measured_rows(place: ForcePlace, reference: Reference, compared: Sequence[tuple[str, str]]) -> np.ndarray | None:
+    """Displacements and velocities (k, n) of the bodies of a place; None where they were not measured."""
+    record = reference.record
+    bodies = [str(body) for body in record.body.values]
+    if reference.is_swept:
+        known = has_phase(record) or len(place.factors) == 1
+        if not known or not set(place.factors) <= {body for body, _ in compared}:
+            return None
+        own = complex_amplitude(record)[[bodies.index(body) for body in place.factors]]
+        motions = np.stack([np.zeros_like(own), own], axis=1)
+        return np.concatenate(states_of_motions(record["frequency"].values, motions))
+    if not set(place.rows) <= set(compared):
+        return None
+    return np.array([record[channel].values[bodies.index(body)] for body, channel in place.rows])
+
+
+def _is_half_wave_symmetric(place: ForcePlace, view: SimulatedRows, values: Mapping[str, float]) -> bool:
+    """Whether the states of simulated motions are opposite half a period later; not of a simulation that failed."""
+    if not view.usable:
+        return False
+    one, other = np.split(place.states(view.rows, values), 2, axis=1)
+    return bool((np.abs(one + other).max(axis=1) <= MAX_HALF_WAVE_ASYMMETRY * np.abs(one).max(axis=1)).all())

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calib.diagnosis.discovery.discover import Discovery
+from calib.diagnosis.discovery.describing_function import describing_function
 from calib.diagnosis.discovery.document import (
     DiscoveryResult,
     FormulaResult,
@@ -17,6 +17,7 @@ from calib.diagnosis.discovery.formula import Formula
 from calib.diagnosis.discovery.formulas import FormulaTrial
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, UNITS, VELOCITY
 from calib.diagnosis.discovery.history import HistoryTrial
+from calib.diagnosis.discovery.outcome import Discovery
 from calib.diagnosis.discovery.partial_spline import Part, PartialSpline
 from calib.diagnosis.discovery.penalised import States
 from calib.diagnosis.discovery.trial import ForceTrial, described
@@ -62,6 +63,7 @@ def discovery_result(discovery: Discovery, values: Mapping[str, float]) -> Disco
             "undetermined": undetermined(chosen),
             "rivals": discovery.rivals,
             "parameters": {name: fit.value(name) for name in calibrated},
+            "describing_function": describing_function(discovery),
         }
     )
 

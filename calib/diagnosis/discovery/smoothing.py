@@ -96,7 +96,7 @@ class Smoothing:
         free = projected - (projected @ absorbed) @ dual.T
         turned, prior = free @ frame, frame.T @ prior @ frame
         penalties = [_penalty(own @ linear.rough, len(frame)) for own in differences]
-        if beside is not None:
+        if beside is not None and linear.functions.shape[1] > linear.absorbed.shape[1]:
             penalties.append(_linear_penalty(linear, beside.visited, len(frame)))
         return cls(
             frame=frame,

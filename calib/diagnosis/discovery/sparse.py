@@ -26,6 +26,7 @@ from calib.diagnosis.score import Projection
 MAX_STATES = 800  # visited ones at which a shape is compared with splines  [count]
 BEAM_WIDTH = 40  # structures of each number of terms to which a further term is added  [count]
 REFINED = 8  # structures of each number of terms that are refined  [count]
+ODD_TOLERANCE = 1e-9  # of the sum of opposite values, over the largest  [1]
 MAX_EVALUATIONS = 30  # of a refinement  [count]
 MIN_INDEPENDENCE = 1e-3  # squared length of a column that the others leave, over the whole: less is the same term  [1]
 SPLINE_RANK_TOLERANCE = 1e-8  # singular value over the largest, below which a combination of splines is none  [1]
@@ -54,7 +55,7 @@ class LinearisedForce:
 
     Attributes
     ----------
-    terms : of the dictionary over its arguments
+    terms : of the dictionary over its arguments; of an odd force the odd ones
     price : of a term of a formula, in units of chi-square: twice the logarithm of the number of different terms  [1]
 
     Parameters
@@ -65,10 +66,12 @@ class LinearisedForce:
     def __init__(self, fitted: PenalisedFit):
         model, fit = fitted.model, fitted.fit
         self.model, self.dispersion = model, fitted.dispersion
-        self.terms = dictionary(tuple(force.arguments for force in model.forces), model.states.region)
-        self.price = 2.0 * math.log(len({structure_of([term]) for term in self.terms}))
         step = max(1, model.states.x.size // MAX_STATES)
         self.x, self.v = model.states.x[::step], model.states.v[::step]
+        terms = dictionary(tuple(force.arguments for force in model.forces), model.states.region)
+        odd = all(force.odd for force in model.forces)
+        self.terms = [term for term in terms if not odd or _is_odd(term, self.x, self.v)]
+        self.price = 2.0 * math.log(len({structure_of([term]) for term in self.terms}))
         visited = model.matrix(self.x, self.v)
         self._inverse = np.linalg.pinv(visited, rcond=SPLINE_RANK_TOLERANCE)
         self._coefficients = self._inverse @ (visited @ fitted.coefficients)
@@ -164,6 +167,12 @@ class LinearisedForce:
             for k in np.flatnonzero(np.isfinite(reduction)):
                 answers.setdefault(tuple(sorted((*own, int(k)))), float(target @ target - reduction[k]))
         return [(left, own) for own, left in answers.items()]
+
+
+def _is_odd(term: FormulaTerm, x: np.ndarray, v: np.ndarray) -> bool:
+    """Whether a term has opposite values at states (n,) and at the opposite ones."""
+    values, opposite = term.values(x, v), term.values(-x, -v)
+    return bool(np.abs(values + opposite).max() <= ODD_TOLERANCE * np.abs(values).max())
 
 
 def selected_formulas(problem: LinearisedForce) -> list[Selected]:

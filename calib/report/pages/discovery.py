@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.discovery.discover import FOUND, NOTHING
-from calib.diagnosis.discovery.document import DiscoveryResult, FormulaResult
+from calib.diagnosis.discovery.document import DescribingFunctionResult, DiscoveryResult, FormulaResult
+from calib.diagnosis.discovery.outcome import FOUND, NOTHING
 from calib.report.formatting import capitalised, number, number_and_half, quantity, raised
 from calib.report.pages.diagnosis.conclusion import stale
 from calib.report.pages.picture import Picture, pictured
@@ -73,6 +73,17 @@ class ForceRow:
 
 
 @dataclass(frozen=True)
+class EquivalentRow:
+    """Equivalent stiffness and damping at an amplitude."""
+
+    amplitude: str
+    stiffness: str
+    stiffness_error: str
+    damping: str
+    damping_error: str
+
+
+@dataclass(frozen=True)
 class DiscoveryChapter:
     """Everything that a page shows of a search for a force law, in the order of the page."""
 
@@ -87,6 +98,8 @@ class DiscoveryChapter:
     formulas: tuple[FormulaRow, ...]
     law: str
     histories: tuple[HistoryRow, ...]
+    equivalents: tuple[EquivalentRow, ...]
+    equivalents_at: str
     trials: tuple[ForceRow, ...]
     effort: str
 
@@ -113,6 +126,9 @@ def discovery_chapter(discovery: DiscoveryResult, result: CalibrationResult) -> 
         law=f"{discovery.histories[0].effect}: {discovery.histories[0].equation}" if of_history else "",
         histories=tuple(HistoryRow(h.effect, number(h.chi2, 5), number(h.left_out_deviance, 5))
                         for h in discovery.histories),
+        equivalents=_equivalents(discovery.describing_function),
+        equivalents_at="" if discovery.describing_function is None
+        else quantity(discovery.describing_function.frequency, "Hz"),
         trials=tuple(
             ForceRow(t.body, t.functions, number(t.effective_parameters, 3), number(t.chi2, 5),
                      number(t.left_out_deviance, 5))
@@ -131,6 +147,8 @@ def _typeset(formula: FormulaResult) -> Picture:
 def _points(discovery: DiscoveryResult) -> tuple[str, ...]:
     """Sentences about a force that was found."""
     curves = tuple(f"{capitalised(text)}." for text in discovery.curves)
+    if discovery.describing_function is not None:
+        curves += (f"{discovery.describing_function.limits}.",)
     if not discovery.functions:
         return curves
     regions = {
@@ -155,6 +173,19 @@ def _points(discovery: DiscoveryResult) -> tuple[str, ...]:
     if discovery.undetermined:
         points.append(f"Not determined beside the calibrated parameters: {', '.join(discovery.undetermined)}.")
     return (*points, *curves)
+
+
+def _equivalents(own: DescribingFunctionResult | None) -> tuple[EquivalentRow, ...]:
+    """Describing function over the amplitude."""
+    if own is None:
+        return ()
+    pairs = zip(
+        own.amplitudes,
+        zip(own.stiffness, own.stiffness_error, strict=True),
+        zip(own.damping, own.damping_error, strict=True),
+        strict=True,
+    )
+    return tuple(EquivalentRow(quantity(a, "m"), *number_and_half(*k), *number_and_half(*c)) for a, k, c in pairs)
 
 
 def _numbers(discovery: DiscoveryResult) -> tuple[NumberRow, ...]:
