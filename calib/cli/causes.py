@@ -54,9 +54,10 @@ def discover(study: Path, **options: Any) -> None:
     """Find the force that the calibrated STUDY misses, as a free function of displacement, velocity or both.
 
     For laws that are in no library: the function is fitted inside the simulator, on each body in turn, and of what it
-    is a function is decided by the prediction of records that are left out. Formulas of at most four terms are then
-    fitted inside the simulator too. Needs what `calib run` has found. A search that was stopped or killed, or whose
-    budget was spent, goes on with the same command.
+    is a function is decided by the prediction of records, or levels of a frequency response, that are left out.
+    Formulas of at most four terms are then fitted inside the simulator too. Of frequency responses its describing
+    function is told: equivalent stiffness and damping over the amplitude. Needs what `calib run` has found. A search
+    that was stopped or killed, or whose budget was spent, goes on with the same command.
 
     \b
     Leaves in out/:  discovery.json   verdict, force with its errors over the visited region, formulas, models compared

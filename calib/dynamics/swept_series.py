@@ -42,7 +42,7 @@ class SeriesStretch(NamedTuple):
     Attributes
     ----------
     frequency : (m,)  [Hz]
-    harmonics : (m, body, H + 1) complex amplitudes of the displacement, the first of which is the mean  [m]
+    harmonics : (m, body, k) complex amplitudes of the displacement, the mean and those of the shortest series  [m]
     coefficients : (m, n, 2 H + 1) of the modal motion  [kg^1/2 m]
     scale : of these by which the steps along it were chosen  [kg^1/2 m]
     last : state (dimension,) of the section at its last motion
@@ -192,7 +192,7 @@ class SeriesSweep:
         begin = self.setting.section_phase
         return SeriesStretch(
             np.array([curve.parameter(own) for own in z]),
-            np.array([curve.complex_amplitudes(own, begin) for own in z]),
+            np.array([curve.complex_amplitudes(own, begin)[:, : SERIES_HARMONICS[0] + 1] for own in z]),
             curve.unpacked_all(z)[0],
             curve.scale,
             curve.state(z[-1]),

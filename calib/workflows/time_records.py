@@ -17,7 +17,7 @@ def check_time_records(file: StudyFile, command: str) -> StudyFile:
     if responses:
         raise CalibError(
             f"{file.path}: record {responses[0]!r} is a frequency response, and `calib {command}` takes records over "
-            "time only; leave it out of the study, or use `calib run`, `confidence`, `diagnose` or `rehearse`, which "
-            "take it"
+            "time only; leave it out of the study, or use `calib run`, `confidence`, `diagnose`, `discover` or "
+            "`rehearse`, which take it"
         )
     return file

@@ -12,6 +12,9 @@ from calib.diagnosis.discovery.free_force import (
     along_x,
     breakpoints,
     free_force,
+    odd_along_v,
+    odd_along_x,
+    odd_over_states,
     over_states,
 )
 from calib.modelling.laws import MAX_LAW_PARAMETERS
@@ -52,6 +55,27 @@ def test_a_function_of_two_arguments_is_the_product_of_splines():
     along = [FreeForce("mass", (a,), (t,)).matrix(x, v) for a, t in zip(force.arguments, force.breaks, strict=True)]
     assert known == pytest.approx((along[0] @ one) * (along[1] @ other), abs=1e-12)
     assert force.matrix(x, v) @ np.outer(one, other).ravel() == pytest.approx(known, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "law"),
+    [([DISPLACEMENT], odd_along_x), ([VELOCITY], odd_along_v), ([DISPLACEMENT, VELOCITY], odd_over_states)],
+)
+def test_an_odd_function_is_the_spline_of_its_mirrored_coefficients(arguments, law):
+    force = free_force("mass", arguments, REGION, odd=True)
+    assert [(t[0], t[-1]) for t in force.breaks] == [(-max(map(abs, REGION[a])), max(map(abs, REGION[a])))
+                                                     for a in arguments]  # fmt: skip
+    c = np.random.default_rng(1).standard_normal(len(force.coefficients))
+    x, v = np.random.default_rng(3).uniform(-1.0, 1.0, (2, 50)) * np.array([[5e-3], [0.4]])
+    whole = FreeForce("mass", force.arguments, force.breaks)
+    assert len(force.coefficients) == len(whole.coefficients) // 2
+    expected = whole.matrix(x, v) @ force.all_coefficients(c)
+    assert whole.matrix(-x, -v) @ force.all_coefficients(c) == pytest.approx(-expected, abs=1e-12)
+    p = numbers(force, c)
+    assert [law.function(0.0, *state, p, NONE, NONE) for state in zip(x, v, strict=True)] == pytest.approx(expected)
+    assert force.matrix(x, v) @ c == pytest.approx(expected, abs=1e-12)
+    for own, all_rows in zip(force.roughness, whole.roughness, strict=True):
+        assert own @ c == pytest.approx(all_rows @ force.all_coefficients(c), abs=1e-9)
 
 
 def test_half_of_a_function_of_a_clearance_lies_in_a_compliant_contact():

@@ -110,8 +110,24 @@ def test_a_record_has_no_say_in_the_smoothness_by_which_it_is_predicted():
 
 
 def test_one_steady_tone_leaves_nothing_to_predict():
-    tone = SimpleNamespace(parts=[SimpleNamespace(period=0.1, name="a")], names=["a"], segments=Records().segments)
+    tone = SimpleNamespace(
+        parts=[SimpleNamespace(period=0.1, name="a", level=None)], names=["a"], segments=Records().segments
+    )
     assert left_out_misfit(tone, linear_fit(*drawn(1))) is None
+
+
+def test_levels_of_a_response_are_left_out_with_their_repeated_sweeps():
+    sweep, level = np.repeat([3.0, 4.0, 5.0], SIZES), np.repeat([0, 1, 0], SIZES)
+    part = SimpleNamespace(name="a", rows=(("mass", "in_phase"),), sweep=sweep, level=level, period=None)
+    response = SimpleNamespace(parts=[part], names=["a"], segments=Records().segments)
+    fit = linear_fit(*drawn(2))
+    misfit = left_out_misfit(response, fit)
+    assert misfit.names == ("sweeps 3, 5 of a", "sweep 4 of a")
+    apart = left_out_misfit(Records(), fit)
+    assert misfit.deviances[1] == pytest.approx(apart.deviances[1])
+    one = SimpleNamespace(parts=[SimpleNamespace(**{**vars(part), "level": 0 * level})], names=["a"],
+                          segments=Records().segments)  # fmt: skip
+    assert left_out_misfit(one, fit).names == tuple(f"block {k} of 3 of a" for k in (1, 2, 3))
 
 
 def test_a_tie_is_a_difference_of_noise():
