@@ -116,14 +116,20 @@ def _numbers(numbers: Sequence[NumberResult], console: Console) -> None:
 
 
 def _describing_function(own: DescribingFunctionResult) -> Table:
-    """Equivalent stiffness and damping per unit mass over the amplitude."""
+    """Equivalent stiffness and damping per unit mass over the amplitude, as far as there is any."""
     table = Table(title=f"describing function per unit mass at {own.frequency:.4g} Hz", title_justify="left")
-    for heading in ("amplitude", "equivalent stiffness [1/s^2]", "equivalent damping [1/s]"):
-        table.add_column(heading, justify="right")
-    numbers = own.amplitudes, own.stiffness, own.stiffness_error, own.damping, own.damping_error
-    for a, k, k_error, c, c_error in zip(*numbers, strict=True):
-        pairs = ((k, k_error), (c, c_error))
-        table.add_row(shown(a, "m"), *(f"{plain_number(n, 3)} +- {plain_number(e, 2)}" for n, e in pairs))
+    columns = {"amplitude": [shown(a, "m") for a in own.amplitudes]}
+    for name, values, errors in (
+        ("equivalent stiffness [1/s^2]", own.stiffness, own.stiffness_error),
+        ("equivalent damping [1/s]", own.damping, own.damping_error),
+    ):
+        if any(errors):
+            pairs = zip(values, errors, strict=True)
+            columns[name] = [f"{plain_number(n, 3)} +- {plain_number(e, 2)}" for n, e in pairs]
+    for name in columns:
+        table.add_column(escape(name), justify="right")
+    for row in zip(*columns.values(), strict=True):
+        table.add_row(*row)
     return table
 
 

@@ -7,7 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.diagnosis.bench import Bench
+from calib.diagnosis.discovery.place import force_places, visited_regions
+from calib.diagnosis.evidence import pairs_compared
 from calib.dynamics.swept_response import swept_response
+from calib.execution.pool import InProcess
+from calib.records.replicates import levels_of_sweeps
 from calib.records.response import complex_amplitude, sweeps
 from calib.study_file import load
 
@@ -95,6 +100,20 @@ def test_the_loss_on_the_sides_of_the_resonance_is_one_once_that_residual_is_tak
         loss = (weakest.force / (weakest.displacement - residual * weakest.force)).imag / omega
         below, above = loss[:5].mean(), loss[-5:].mean()
         assert least < below / above - 1.0 < least + 0.15
+
+
+def test_a_search_for_the_missing_force_is_one_for_odd_functions_over_the_measured_ellipses(file):
+    """Motions of the linear mode are half-wave symmetric: of a force only its describing function is seen."""
+    study = file.study
+    bench = Bench(study.model, study.objective, pairs_compared(study.objective))
+    [place] = force_places(study.model.simulator)
+    with InProcess(bench) as pool:
+        region = visited_regions(pool, bench, study.objective.references, LINEAR, [place])["mass"]
+    assert region.half_wave_symmetric
+    assert np.abs(region.ends["displacement"]) == pytest.approx(80.0 / (2.0 * np.pi * 80.3) ** 2, rel=0.05)
+    assert np.abs(region.ends["velocity"]) == pytest.approx(80.0 / (2.0 * np.pi * 80.3), rel=0.03)
+    held = study.objective.references["held"].record
+    assert np.unique(levels_of_sweeps(held)).size == 5
 
 
 @pytest.mark.slow

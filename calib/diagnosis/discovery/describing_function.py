@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.diagnosis.discovery.document import DescribingFunctionResult
 from calib.diagnosis.discovery.formula import Formula
+from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
 from calib.diagnosis.discovery.outcome import Discovery
 
 AMPLITUDES, INSTANTS = 12, 256  # up to the largest that is visited; of a period  [count]
@@ -44,5 +45,9 @@ def describing_function(discovery: Discovery) -> DescribingFunctionResult | None
     rows, partial = averaged(chosen.fitted.model.matrix(x, v)), discovery.partial_spline
     both = chosen.fitted.combination(rows) if partial is None else partial.combination(rows, of_formula)
     (k, c), (k_error, c_error) = (np.split(own, 2) for own in both)
+    if DISPLACEMENT not in chosen.all_arguments:  # a function of velocity has no equivalent stiffness
+        k, k_error = np.zeros((2, AMPLITUDES))
+    if VELOCITY not in chosen.all_arguments:  # one of displacement has no hysteresis
+        c, c_error = np.zeros((2, AMPLITUDES))
     known = (tuple(own.tolist()) for own in (amplitudes, k, k_error, c, c_error))
     return DescribingFunctionResult(omega / (2.0 * math.pi), band, *known)

@@ -129,8 +129,8 @@ class DescribingFunctionResult:
     band : lowest and highest frequency at which responses were measured  [Hz]
     amplitudes : of the displacement  [m]
     stiffness, stiffness_error : equivalent ones per unit mass, without what calibration absorbs, and standard errors
-        [1/s^2]
-    damping, damping_error : likewise  [1/s]
+        [1/s^2]; 0 of a function of velocity alone
+    damping, damping_error : likewise, 0 of a function of displacement alone  [1/s]
     """
 
     frequency: float

@@ -13,13 +13,13 @@ PHASE = 2.0 * np.pi * np.arange(64) / 64
 OMEGA = 40.0  # rad/s
 
 
-def found(band, gap=""):
+def found(band, gap="", arguments=("displacement", "velocity")):
     fitted = SimpleNamespace(
         model=SimpleNamespace(matrix=lambda x, v: np.column_stack([x**3, v * np.abs(v), x**2])),
         combination=lambda rows: (rows @ COEFFICIENTS, np.abs(rows) @ np.abs(0.1 * COEFFICIENTS)),
     )
     states = States(0.2 * np.cos(PHASE), -0.2 * OMEGA * np.sin(PHASE))
-    chosen = SimpleNamespace(place=SimpleNamespace(gap=gap), fitted=fitted)
+    chosen = SimpleNamespace(place=SimpleNamespace(gap=gap), fitted=fitted, all_arguments=arguments)
     return SimpleNamespace(chosen=chosen, states=states, frequencies=band, partial_spline=None)
 
 
@@ -30,6 +30,11 @@ def test_equivalent_stiffness_and_damping_are_those_of_a_cubic_spring_and_drag()
     assert told.stiffness == pytest.approx(0.75 * 2.0 * a**2)  # none of the even function
     assert told.damping == pytest.approx(8.0 * 3.0 * a * OMEGA / (3.0 * np.pi), rel=1e-3)
     assert told.damping_error == pytest.approx(0.1 * np.array(told.damping), rel=1e-3)
+
+
+def test_a_function_of_displacement_has_no_equivalent_damping():
+    told = describing_function(found((6.0, 6.5), arguments=("displacement",)))
+    assert (any(told.damping), any(told.damping_error), any(told.stiffness)) == (False, False, True)
 
 
 def test_what_a_narrow_band_cannot_tell_is_said():
