@@ -12,6 +12,7 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
+from calib.diagnosis.replacement import without_cause
 from calib.diagnosis.rivals import chi2_of_another_rival, rival_suspects, simplest, with_possible_causes
 from calib.diagnosis.search import Round, with_free_form
 from calib.diagnosis.stepwise import StepwiseState
@@ -84,12 +85,16 @@ def _formed(fitter: Fitter, suspect: Refitted, cause: Refitted, rivals: Sequence
 
 def _in_its_place(fitter: Fitter, state: StepwiseState, suspect: Refitted) -> tuple[Refitted, Prediction | None, str]:
     """A suspect with its derivatives in the place of the last cause, its prediction, and why it would be no cause."""
-    last, earlier = state.rounds[-1], [cause.candidate for cause, _ in state.causes[:-1]]
-    base = fitter.with_derivatives(fitter.fit(last.base.point, earlier)) if earlier else state.null
+    earlier, (cause, _) = [cause.candidate for cause, _ in state.causes[:-1]], state.causes[-1]
+    base = without_cause(fitter, state.null, state.final, cause, earlier)
     extended = fitter.with_derivatives(suspect.fit)
-    made = extension(fitter.evidence, base, extended, suspect, last.threshold)
-    rejected = rejection(fitter.evidence, state.null, made, further=bool(earlier))
-    return replace(suspect, fit=extended), made.prediction, rejected
+    in_its_place = replace(suspect, fit=extended)
+    if not base.names:  # the earlier ones cannot be simulated alone
+        return in_its_place, None, ""
+    if earlier:
+        base = fitter.with_derivatives(base)
+    made = extension(fitter.evidence, base, extended, suspect, state.rounds[-1].threshold)
+    return in_its_place, made.prediction, rejection(fitter.evidence, state.null, made, further=bool(earlier))
 
 
 def _with_laws(evidence: Evidence, state: StepwiseState, cause: Cause, prediction: Prediction | None) -> Round:

@@ -140,3 +140,13 @@ def test_a_law_for_whose_form_the_budget_does_not_suffice_is_untried():
     names, _, latest, _ = compared(300.0, 110.0, attempt=lambda step: None)
     assert names == ["presliding"]
     assert latest.rounds[-1].untried == ("stribeck",)
+
+
+def test_a_law_takes_the_place_untested_where_the_earlier_causes_cannot_be_simulated_alone(judged, monkeypatch):
+    judged.append("it does not predict data to which it was not fitted")
+    alone = fit(NULL)
+    alone.names = ()
+    monkeypatch.setattr(calib.diagnosis.general_laws, "without_cause", lambda *model: alone)
+    names, _, latest, _ = compared(300.0, 110.0)
+    assert names == ["stribeck"]
+    assert latest.rounds[-1].prediction is None

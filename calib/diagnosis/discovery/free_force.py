@@ -193,8 +193,13 @@ class FreeForce:
     @property
     def coefficients(self) -> tuple[str, ...]:
         """Names of its coefficients  [m/s^2]."""
-        count = int(np.prod([t.size - 1 + DEGREE for t in self.breaks]))
-        return tuple(f"{self.name}_c{k:02d}" for k in range(count // 2 if self.odd else count))
+        count = self._basis_functions // 2 if self.odd else self._basis_functions
+        return tuple(f"{self.name}_c{k:02d}" for k in range(count))
+
+    @property
+    def _basis_functions(self) -> int:
+        """Number of all basis functions."""
+        return int(np.prod([t.size - 1 + DEGREE for t in self.breaks]))
 
     @cached_property
     def effect(self) -> Effect:
@@ -236,7 +241,7 @@ class FreeForce:
 
     def all_coefficients(self, own: np.ndarray) -> np.ndarray:
         """Coefficients (p,) of all basis functions, of its own (coefficients,)  [m/s^2]."""
-        return self._halved(np.eye(int(np.prod([t.size - 1 + DEGREE for t in self.breaks])))) @ own
+        return self._halved(np.eye(self._basis_functions)) @ own
 
     @cached_property
     def roughness(self) -> tuple[np.ndarray, ...]:
