@@ -32,7 +32,7 @@ from calib.dynamics.response import (
     sampled,
 )
 from calib.dynamics.setting import Setting
-from calib.dynamics.single_run import kind_of_run
+from calib.dynamics.settling import settled_orbit
 from calib.dynamics.swept_series import SAME_MOTION, SeriesStretch, SeriesSweep, series_sweep
 from calib.modelling.model import Model
 from calib.modelling.orbit import PeriodMap
@@ -347,17 +347,20 @@ class _Sweep:
     def _settled(self, frequency: float, state: np.ndarray) -> tuple[float, np.ndarray, int] | None:
         """Go on to the next frequency at which a run settles to a periodic motion; None where there is none."""
         while self.direction * (self.stops[-1] - frequency) >= 0.0:
-            kind = kind_of_run(self.maps(frequency), state)
-            if kind.status != OK:
-                self.path.reason = f"the motion at {frequency:.6g} Hz fails ({kind.evidence})"
+            motion = settled_orbit(self.maps(frequency), state)
+            if motion.status != OK:
+                self.path.reason = f"the motion at {frequency:.6g} Hz fails ({motion.evidence})"
                 return None
-            if 0 < kind.period <= MAX_SUBHARMONIC:
-                return frequency, kind.state, kind.period
-            self.path.reason = f"the motion at {frequency:.6g} Hz is {kind.kind}"
+            if 0 < motion.period <= MAX_SUBHARMONIC:
+                return frequency, motion.state, motion.period
+            self.path.reason = (
+                f"the motion at {frequency:.6g} Hz does not repeat after 1 to {MAX_SUBHARMONIC} periods, "
+                f"{motion.dropped} periods after it was reached"
+            )
             ahead = self._next_stop(frequency)
             if ahead is None:
                 return None
-            frequency, state = ahead, kind.state
+            frequency, state = ahead, motion.state
         return None
 
     def _next_stop(self, frequency: float) -> float | None:

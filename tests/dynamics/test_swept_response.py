@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dynamics.plain_maps import PlainMap, logistic
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -11,7 +12,7 @@ from calib.dynamics.arclength import run
 from calib.dynamics.level_curve import level_over_frequency
 from calib.dynamics.series_curve import modal_system
 from calib.dynamics.setting import Setting
-from calib.dynamics.swept_response import swept_curves, swept_response
+from calib.dynamics.swept_response import swept_curves, swept_path, swept_response
 from calib.dynamics.swept_series import SeriesSweep, series_sweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
@@ -297,3 +298,14 @@ def test_a_stretch_of_one_motion_that_needs_more_harmonics_is_followed_with_them
     sweep = SeriesSweep(setting, system, 0.5, (2.8, 3.6), 1.0, lambda at: 0.5)
     stretch = sweep.stretch(3.6, sweep.first(3.6))
     assert stretch.frequency.tolist() == [3.6]
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_what_does_not_repeat_is_passed_over_without_asking_whether_it_is_chaos(direction, monkeypatch):
+    """Windows of period 6, 5 and 3 within the chaos of the logistic map, whose exponents take 400 periods and more."""
+    derivatives, tangent = [], PlainMap.tangent
+    monkeypatch.setattr(PlainMap, "tangent", lambda *given: derivatives.append(given[-1]) or tangent(*given))
+    path = swept_path(logistic, np.arange(3.3, 3.845, 0.01)[::direction])
+    assert [piece.periods for piece in path.pieces] == ([2, 4, 8, 6, 5, 3] if direction > 0 else [3, 5, 6, 8])
+    assert not path.reason
+    assert sum(derivatives) < 10_000
