@@ -6,7 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.swept_response import NOT_PERIODIC, KnownSweeps, swept_curves
+from calib.dynamics.swept_motions import NOT_PERIODIC
+from calib.dynamics.swept_paths import KnownSweeps
+from calib.dynamics.swept_response import swept_curves
 from calib.dynamics.swept_states import swept_states
 from calib.execution.pool import Failure, in_order
 from calib.modelling.effect import Effect

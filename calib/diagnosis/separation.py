@@ -32,7 +32,7 @@ from calib.diagnosis.laboratory import (
 from calib.diagnosis.noise import Noise
 from calib.diagnosis.part import Part
 from calib.diagnosis.stepped_design import unread_sweeps
-from calib.dynamics.swept_response import KnownSweeps
+from calib.dynamics.swept_paths import KnownSweeps
 from calib.records import STATE
 from calib.records.excitation import Excitation
 

@@ -6,8 +6,8 @@ from scipy.optimize import nnls
 
 from calib.diagnosis.laboratory import DesignPoint
 from calib.diagnosis.part import Part
-from calib.dynamics.level_curve import level_over_frequency
-from calib.records.response import complex_amplitude, has_phase, make_response, sweeps, tolerances, with_amplitude
+from calib.dynamics.level_curve import LevelCurve
+from calib.records.response import HELD, complex_amplitude, has_phase, make_response, sweeps, tolerances, with_amplitude
 
 
 def unread_sweeps(point: DesignPoint, measured: xr.Dataset) -> xr.Dataset:
@@ -27,14 +27,14 @@ def unread_sweeps(point: DesignPoint, measured: xr.Dataset) -> xr.Dataset:
     directions = sorted({float(way) for way in measured["direction"].values}, reverse=True)
     frequency = np.concatenate([upwards[:: int(way)] for way in directions])
     largest = _largest(measured)
-    shape = level_over_frequency(known[largest], level[largest])
+    shape = LevelCurve(known[largest], level[largest])
     levels = np.array([shape(own) for own in frequency.tolist()])
     return make_response(
         frequency, [str(body) for body in measured.body.values],
         np.zeros((measured.sizes["body"], frequency.size)), point.setting("amplitude") * levels / levels.max(),
         str(measured["level"].attrs["units"]), np.repeat(np.arange(float(len(directions))), count),
         np.repeat(directions, count),
-    ).assign_attrs({**measured.attrs, "status": "ok"})  # fmt: skip
+    ).assign_attrs({**{key: own for key, own in measured.attrs.items() if key != HELD}, "status": "ok"})  # fmt: skip
 
 
 def as_read(unread: xr.Dataset, amplitude: np.ndarray, measured: xr.Dataset, part: Part) -> xr.Dataset:

@@ -17,6 +17,7 @@ import numpy as np
 
 from calib.dynamics.arclength import Mark, OneWay, along_cubic, root, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
+from calib.dynamics.level_curve import LevelCurve
 from calib.dynamics.orbits import newton
 from calib.dynamics.response import AMPLITUDE, FREQUENCY
 from calib.dynamics.series_curve import (
@@ -31,6 +32,7 @@ from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
 
 RESONANCE_FREQUENCIES = 2000  # of the linear motion, between which its phase passes a quarter of a period
+MIN_RAMP_STEP = 1 / 64  # of an amplitude that is to be held, where a curve begins  [1]
 LEVEL_RANGE = 1e-3, 1e3  # of the levels of a constant response, over that of the linear one
 
 
@@ -103,7 +105,8 @@ def backbones(
         share = first.real[place] / (first.real[place] - first.real[place + 1])
         frequency = float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))
         try:
-            found.append(held.followed(_quadrature, frequency, levels[0], vary=0, most=most))
+            begin = held.linear(frequency, levels[0]), frequency, levels[0]
+            found.append(held.followed(_quadrature, begin, vary=0, most=most))
         except CalibError as error:
             reasons.append(f"at {frequency:.5g} Hz {error}")
     if not found:
@@ -134,56 +137,98 @@ def constant_responses(
     ------
     CalibError : as `backbones`, amplitudes that are not above 0, or one that cannot be held where the window begins
     """
-    found = []
     for amplitude in amplitudes:
         if not (amplitude > 0.0 and math.isfinite(amplitude)):
             raise CalibError(f"expected amplitudes of {body} above 0, got {amplitude:g} m")
-        per_level = abs(_Held(setting, body, window, (0.5, 1.0), 1).per_level(window[0]))
-        if per_level == 0.0:
-            raise CalibError(f"the excitation does not move {body}: no level holds its amplitude")
-        level = amplitude / per_level
-        low, high = (share * level for share in LEVEL_RANGE)
-        held = _Held(setting, body, window, (low, high), harmonics)
-        try:
-            found.append(held.followed(_modulus(amplitude), window[0], level, vary=1, most=most))
-        except CalibError as error:
-            raise CalibError(
-                f"{body} cannot be held at {amplitude:g} m from {window[0]:g} Hz, where the curve begins: {error}; "
-                "begin the window elsewhere, or lower the amplitude"
-            ) from error
-    return tuple(found)
+    curves = (LevelCurve(np.array(window), np.full(2, size)) for size in amplitudes)
+    return tuple(held_response(setting, body, own, window, harmonics=harmonics, most=most) for own in curves)
 
 
-class Condition(NamedTuple):
-    """Value of a condition on the first harmonic, without a unit, and its change with small changes of that."""
+def held_response(
+    setting: Setting,
+    body: str,
+    amplitude: LevelCurve,
+    window: tuple[float, float],
+    *,
+    harmonics: int = 7,
+    most: int = 400,
+) -> HeldBranch:
+    """Motions at an amplitude of a body that may change with the frequency: the level that each takes.
+
+    Parameters
+    ----------
+    amplitude : of the body's first harmonic over the frequency  [m]
+    setting, body, window, harmonics, most : as those of `backbones`
+
+    Raises
+    ------
+    CalibError : as `backbones`, or an amplitude that cannot be held where the window begins
+    """
+    begin = window[0]
+    size = amplitude(begin)
+    per_level = abs(_Held(setting, body, window, (0.5, 1.0), 1).per_level(begin))
+    if per_level == 0.0:
+        raise CalibError(f"the excitation does not move {body}: no level holds its amplitude")
+    low, high = (share * size / per_level for share in LEVEL_RANGE)
+    held = _Held(setting, body, window, (low, high), harmonics)
+    try:
+        y, level = held.held_at(amplitude, begin)
+        return held.followed(_modulus(amplitude), (y, begin, level), vary=1, most=most)
+    except CalibError as error:
+        raise CalibError(
+            f"{body} cannot be held at {size:g} m from {begin:g} Hz, where the curve begins: {error}; "
+            "begin the window elsewhere, or lower the amplitude"
+        ) from error
+
+
+class HarmonicCondition(NamedTuple):
+    """Value of a condition on the first harmonic, without a unit, and its changes.
+
+    Attributes
+    ----------
+    slope : change of the value with small changes (k,) of the first harmonic [m]
+    by_frequency : the same with the frequency, the harmonic held  [1/Hz]
+    """
 
     value: float
     slope: Callable[[np.ndarray], np.ndarray]
+    by_frequency: float = 0.0
 
 
-def _quadrature(first: complex) -> Condition:
+Condition = Callable[[complex, float], HarmonicCondition]  # of the first harmonic [m] and the frequency [Hz]
+
+
+def _quadrature(first: complex, frequency: float) -> HarmonicCondition:
     """Cosine of the angle by which the first harmonic lags."""
     size = abs(first) or 1.0
-    return Condition(first.real / size, lambda change: (change / first).imag * -first.imag / size)
+    return HarmonicCondition(first.real / size, lambda change: (change / first).imag * -first.imag / size)
 
 
-def _modulus(amplitude: float) -> Callable[[complex], Condition]:
-    """Logarithm of the modulus over `amplitude` [m]."""
-    return lambda first: Condition(
-        math.log(abs(first) / amplitude) if first else -math.inf, lambda change: (change / first).real
-    )
+def _modulus(amplitude: LevelCurve, share: float = 1.0) -> Condition:
+    """Logarithm of the modulus over a share of the amplitude that is held."""
+
+    def condition(first: complex, frequency: float) -> HarmonicCondition:
+        value = math.log(abs(first) / (share * amplitude(frequency))) if first else -math.inf
+        return HarmonicCondition(value, lambda change: (change / first).real, -amplitude.logarithmic_slope(frequency))
+
+    return condition
 
 
 @dataclass(frozen=True, eq=False)
 class _HeldCurve:
     """Motions whose first harmonic fulfils a condition, as `calib.dynamics.arclength.SolutionCurve`.
 
-    The last two components of z are frequency and level, over their windows; the level on a logarithmic scale.
+    The last two components of z are frequency and level, over their windows; the level on a logarithmic scale. What is
+    left of the condition is weighed as a change of the level is in the balance: with a sharp resonance the forces left
+    are small, and a change of phase moves the condition in second order.
+
+    scale, level : of the coefficients and of the excitation  [kg^1/2 m], [its unit]
     """
 
     held: "_Held"
-    condition: Callable[[complex], Condition]
+    condition: Condition
     scale: float
+    level: float
     parameters: int = 2
 
     def unpacked(self, z: np.ndarray) -> tuple[np.ndarray, float, float]:
@@ -203,11 +248,19 @@ class _HeldCurve:
     def _units(self) -> np.ndarray:
         return self.scale * self.held.balance.units(2.0 * math.pi * self.held.window[1])
 
+    @cached_property
+    def _weight(self) -> float:
+        balance, drive = self.held.balance, self.held.drive(self.level)
+        still = np.zeros((len(balance.system.stiffness), balance.size))
+        loads = balance.derivatives(still, 2.0 * math.pi * self.held.window[0], drive)[2]
+        return float(np.linalg.norm(drive * loads.ravel() / self._units)) or 1.0
+
     def residual(self, z: np.ndarray) -> np.ndarray:
         """What is left of the balance, and of the condition (d - 1,)."""
         y, frequency, level = self.unpacked(z)
         left = self.held.balance.residual(y, 2.0 * math.pi * frequency, self.held.drive(level)).ravel() / self._units
-        return np.append(left, self.condition(self.held.first_harmonic(y, frequency, level)).value)
+        condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency)
+        return np.append(left, self._weight * condition.value)
 
     def derivative(self, z: np.ndarray) -> np.ndarray:
         """Derivative (d - 1, d) of the residual."""
@@ -220,8 +273,10 @@ class _HeldCurve:
         )
         row, of_drive = self.held.first_harmonic_row
         change = np.concatenate([self.scale * row, [0.0, by_level * of_drive]])
-        slope = self.condition(self.held.first_harmonic(y, frequency, level)).slope(change)
-        return np.vstack([balance / self._units[:, None], slope])
+        condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency)
+        slope = condition.slope(change)
+        slope[-2] += (high - low) * condition.by_frequency
+        return np.vstack([balance / self._units[:, None], self._weight * slope])
 
     def start(self, y: np.ndarray, frequency: float, level: float, vary: int) -> SeriesMotion | None:
         """Point at which parameter `vary` (0 frequency, 1 level) is free, followed towards more of the other one."""
@@ -320,19 +375,48 @@ class _Held:
         level = self.levels[1]
         return self.first_harmonic(self.linear(frequency, level), frequency, level) / level
 
+    def held_at(self, amplitude: LevelCurve, frequency: float) -> tuple[np.ndarray, float]:
+        """Coefficients and level of the motion at an amplitude: at once, or by steps from a small one.
+
+        Raises
+        ------
+        CalibError : Newton's method finds none
+        """
+        level = amplitude(frequency) / abs(self.per_level(frequency))
+        y, reached, step = self.linear(frequency, level), 0.0, 1.0
+        while reached < 1.0:
+            share = min(1.0, reached + step)
+            growth = share / (reached or 1.0)
+            curve = _HeldCurve(self, _modulus(amplitude, share), float(np.abs(y).max()) or 1.0, level)
+            found = curve.start(growth * y, frequency, growth * level, vary=1)
+            if found is not None:
+                y, _, level = curve.unpacked(found.z)
+                reached, step = share, 2.0 * step
+                continue
+            step /= 2.0
+            if step < MIN_RAMP_STEP:
+                raise CalibError(f"Newton's method finds no motion beyond {reached:.0%} of that amplitude")
+        return y, level
+
     def followed(
-        self, condition: Callable[[complex], Condition], frequency: float, level: float, vary: int, most: int
-    ) -> HeldBranch:
-        """Curve from the motion near the linear one; `vary` as in `_HeldCurve.start`.
+        self, condition: Condition, begin: tuple[np.ndarray, float, float], vary: int, most: int,
+        ) -> HeldBranch:  # fmt: skip
+        """Curve from a motion.
+
+        Parameters
+        ----------
+        begin : coefficients, frequency [Hz] and level near those of the motion
+        vary : as in `_HeldCurve.start`
+        most : points of the curve
 
         Raises
         ------
         CalibError : there is no such motion, or it has impacts; says why without naming the curve
         """
-        y = self.linear(frequency, level)
+        y, frequency, level = begin
 
         def at_scale(scale: float) -> tuple[tuple[_HeldCurve, OneWay[SeriesMotion]], list[SeriesMotion]] | None:
-            curve = _HeldCurve(self, condition, scale)
+            curve = _HeldCurve(self, condition, scale, level)
             start = curve.start(y, frequency, level, vary)
             if start is None:
                 return None
@@ -343,7 +427,7 @@ class _Held:
 
         found = at_own_scale(float(np.abs(y).max()) or 1.0, at_scale)
         if found is None:
-            raise CalibError("Newton's method finds no motion from the linear one")
+            raise CalibError("Newton's method finds no motion near the linear one")
         return self._branch(*found)
 
     def _branch(self, curve: _HeldCurve, way: OneWay[SeriesMotion]) -> HeldBranch:

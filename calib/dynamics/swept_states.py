@@ -6,17 +6,11 @@ from types import MappingProxyType
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.response import sampled
-from calib.dynamics.swept_response import (
-    NOT_PERIODIC,
-    KnownSweeps,
-    harmonics_of_piece,
-    setting_of_sweeps,
-    swept_paths,
-)
+from calib.dynamics.swept_motions import swept_motions
+from calib.dynamics.swept_paths import KnownSweeps
 from calib.dynamics.swept_series import SERIES_HARMONICS
 from calib.modelling.model import Model
-from calib.records import OK, failed
+from calib.records import OK
 from calib.records.excitation import Excitation
 from calib.records.response import states_of_motions
 
@@ -28,11 +22,11 @@ def swept_states(
     measured: xr.Dataset,
     known: KnownSweeps = MappingProxyType({}),
 ) -> xr.Dataset:
-    """States along the motions that the sweeps of `calib.dynamics.swept_response.swept_curves` run through.
+    """States along the motions that the sweeps of a measured response run through.
 
     Parameters
     ----------
-    as those of that function
+    as those of `calib.dynamics.swept_motions.swept_motions`
 
     Returns
     -------
@@ -43,25 +37,17 @@ def swept_states(
     ------
     CalibError : as that function
     """
-    setting = setting_of_sweeps(model, values, excitation, measured)
-    try:
-        bodies = sampled(setting, setting.map()).bodies
-    except ValueError as error:  # nothing that could move
-        return failed(model.bodies, "impossible value", str(error))
-    frequency, harmonics = list[np.ndarray](), list[np.ndarray]()
-    for sweep, _, level, path in swept_paths(setting, bodies, measured, known):
-        if path.reason:
-            return failed(bodies, NOT_PERIODIC, f"sweep {sweep:g}: {path.reason}")
-        for piece in path.pieces:
-            frequency.append(piece.frequency)
-            harmonics.append(harmonics_of_piece(setting, level, piece, SERIES_HARMONICS[0]))
-    motions = np.moveaxis(np.concatenate(harmonics), 0, -1)
-    displacement, velocity = states_of_motions(np.concatenate(frequency), motions)
+    motions = swept_motions(model, values, excitation, measured, SERIES_HARMONICS[0], known)
+    if motions.failure:
+        return motions.failed
+    harmonics = np.moveaxis(np.concatenate([stretch.harmonics for stretch in motions.stretches]), 0, -1)
+    frequency = np.concatenate([stretch.frequency for stretch in motions.stretches])
+    displacement, velocity = states_of_motions(frequency, harmonics)
     return xr.Dataset(
         {
             "displacement": (("body", "state"), displacement, {"units": "m"}),
             "velocity": (("body", "state"), velocity, {"units": "m/s"}),
         },
-        coords={"body": list(bodies)},
+        coords={"body": list(motions.bodies)},
         attrs={"status": OK},
     )

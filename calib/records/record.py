@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
+from calib.records.response import HELD
 
 CHANNELS = {"displacement": "m", "velocity": "m/s", "force": "N"}  # the usual ones; others state their own unit
 STATE = ("displacement", "velocity")  # what a phase curve and a section are made of
@@ -155,6 +156,10 @@ def rename_bodies(record: xr.Dataset, names: Mapping[str, str], name: str = "rec
         if body not in have:
             raise CalibError(f"{name}: there is no body {body!r}{nearest(body, have)}; the record has {have}")
     renamed = record.sel(body=list(names)).assign_coords(body=list(names.values()))
+    if (held := renamed.attrs.get(HELD)) is not None:
+        if held not in names:
+            raise CalibError(f"{name}: the amplitude of {held!r} was held; name it among the bodies")
+        renamed.attrs[HELD] = names[held]
     if renamed.attrs.get("prescribed"):
         renamed.attrs["prescribed"] = ",".join(f"{names[b]}.{c}" for b, c in prescribed(record) if b in names)
     return renamed

@@ -22,15 +22,22 @@ KIND = "frequency response"  # attribute `kind` of such a record
 UNKNOWN_PHASE = "unknown"  # attribute `phases` of one of amplitudes alone: they stand in its in_phase part
 SIGMA_SOURCE = "sigma_source"  # attribute: how the uncertainties were estimated, of a response that does not state them
 PARTS = ("in_phase", "quadrature")
+HELD = "held"  # attribute: body whose amplitude a controller held, see `calib.records.held_response`
+HELD_AMPLITUDE = "held_amplitude"  # at which it was held, in a record of one level a sweep
 LEVEL_UNITS = ("N", "m")  # of the quantities by which bodies are excited
 DIMS: Mapping[str, tuple[str, ...]] = {
     "frequency": ("point",), "level": ("point",), "sweep": ("point",), "direction": ("point",),
     "in_phase": ("body", "point"), "quadrature": ("body", "point"),
 }  # fmt: skip
-SIGMA_DIMS: Mapping[str, tuple[str, ...]] = {"response_sigma": ("body", "point"), "frequency_sigma": ("point",)}
+OPTIONAL_DIMS: Mapping[str, tuple[str, ...]] = {
+    "response_sigma": ("body", "point"), "frequency_sigma": ("point",), HELD_AMPLITUDE: ("point",),
+}  # fmt: skip
 STATES_PER_MOTION = 32  # of a period  [count]
 GOLDEN_SECTION = 0.5 * (5.0**0.5 - 1.0)  # whose multiples spread evenly over the unit interval  [1]
-UNITS = {"frequency": "Hz", "in_phase": "m", "quadrature": "m", "response_sigma": "m", "frequency_sigma": "Hz"}
+UNITS = {
+    "frequency": "Hz", "in_phase": "m", "quadrature": "m", "response_sigma": "m", "frequency_sigma": "Hz",
+    HELD_AMPLITUDE: "m",
+}  # fmt: skip
 AMPLITUDE_SIGMA_SHARE = 0.02  # standard uncertainty that is taken where none is stated, over the rms amplitude  [1]
 FREQUENCY_SIGMA_STEPS = 0.1  # the same of the frequency, over the mean step between the frequencies of a sweep  [1]
 FREQUENCY_SIGMA_SHARE = 1e-3  # the same of a single point, over its frequency  [1]
@@ -123,15 +130,15 @@ def check_response(record: xr.Dataset, name: str) -> xr.Dataset:
     for variable, dims in DIMS.items():
         if variable not in record:
             raise CalibError(f"{name}: a {KIND} needs {variable} with dims {dims}; it has {list(record.data_vars)}")
-    for variable, dims in {**DIMS, **SIGMA_DIMS}.items():
+    for variable, dims in {**DIMS, **OPTIONAL_DIMS}.items():
         if variable in record and record[variable].dims != dims:
             raise CalibError(f"{name}: expected {variable} with dims {dims}, got {record[variable].dims}; transpose it")
     record = _in_si(record, name)
     if not record.sizes["point"]:
         raise CalibError(f"{name}: a {KIND} needs at least one point, got none")
-    for variable in (*DIMS, *(one for one in SIGMA_DIMS if one in record)):
+    for variable in (*DIMS, *(one for one in OPTIONAL_DIMS if one in record)):
         _check_finite(record, variable, name)
-    for variable in ("frequency", "level", *(one for one in SIGMA_DIMS if one in record)):
+    for variable in ("frequency", "level", *(one for one in OPTIONAL_DIMS if one in record)):
         if not (record[variable].values > 0.0).all():
             raise CalibError(f"{name}: {variable} is expected above 0 at every point; mend or leave out those points")
     if not np.isin(record.direction.values, (-1.0, 1.0)).all():
@@ -143,7 +150,7 @@ def check_response(record: xr.Dataset, name: str) -> xr.Dataset:
 
 
 def _in_si(record: xr.Dataset, name: str) -> xr.Dataset:
-    for variable in (*DIMS, *SIGMA_DIMS):
+    for variable in (*DIMS, *OPTIONAL_DIMS):
         if variable not in record:
             continue
         values = record[variable]

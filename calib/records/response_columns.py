@@ -8,9 +8,10 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
+from calib.records.held_response import at_one_level
 from calib.records.motion_unit import MOTIONS, MotionUnit, motion_quantity, motion_unit
 from calib.records.phase_unit import doubtful_phase_unit
-from calib.records.response import LEVEL_UNITS, check_response, complex_amplitude, make_response, sweeps
+from calib.records.response import HELD, LEVEL_UNITS, check_response, complex_amplitude, make_response, sweeps
 from calib.records.sheet import Sheet
 from calib.records.sweep_numbers import numbered
 from calib.units import to_si
@@ -124,7 +125,7 @@ class _Reading:
         )  # fmt: skip
         record = check_response(record, str(self.sheet.path))
         self._doubt_phases(record)
-        return record
+        return at_one_level(record, str(attrs[HELD])) if HELD in attrs else record
 
     def _numbers(self, column: str | int) -> np.ndarray:
         return self.sheet.numbers(column, self.begin, self.end)

@@ -10,8 +10,9 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.records.excitation import UNITS as EXCITATION_UNITS
+from calib.records.held_response import at_one_level
 from calib.records.record import CHANNELS, INTERVAL, OK, STATE, channels, nuisance_sigma
-from calib.records.response import check_response, is_response
+from calib.records.response import HELD, check_response, is_response
 from calib.records.rounded_time import rounding_hint
 from calib.units import is_si, to_si
 
@@ -55,7 +56,8 @@ def check(record: xr.Dataset, name: str = "record") -> xr.Dataset:
     """
     _check_attributes(record, name)
     if is_response(record):
-        return check_response(record, name)
+        record = check_response(record, name)
+        return at_one_level(record, str(record.attrs[HELD])) if HELD in record.attrs else record
     for dim, what in (("body", "names of the bodies"), ("time", "time [s]")):
         if dim not in record.coords:
             raise CalibError(f"{name}: the coordinate {dim!r} ({what}) is missing; it has {list(record.coords)}")

@@ -20,8 +20,9 @@ from calib.records.clipping import clipped_runs
 from calib.records.cycles import gaps_in, impact, kind_of_motion, phase_curve
 from calib.records.decay import is_free_decay, release, smoothed_record
 from calib.records.excitation import UNITS
+from calib.records.held_response import is_held, measured_levels, unsteady
 from calib.records.repetition import other_frequency
-from calib.records.response import SIGMA_SOURCE, complex_amplitude, has_phase, sweeps, tolerances
+from calib.records.response import HELD, HELD_AMPLITUDE, SIGMA_SOURCE, complex_amplitude, has_phase, sweeps, tolerances
 from calib.records.white_noise import shows_noise
 from calib.report.decay_description import decay_description
 from calib.units import count, shown
@@ -93,21 +94,36 @@ def response_text(record: xr.Dataset, quantity: str, place: str) -> str:
 
     quantity, place : of the excitation, which a study may state in the place of the record; "" where neither does
     """
-    unit, level, frequency = str(record["level"].attrs["units"]), record["level"].values, record["frequency"].values
-    low, high = shown(float(level.min()), unit), shown(float(level.max()), unit)
-    size = low if low == high else f"{low} to {high}"
+    frequency = record["frequency"].values
     drive = " at the ".join(filter(None, (quantity, place))) or "an excitation that is not stated"
+    held = f", {record.attrs[HELD]} held at a set amplitude," if is_held(record) else ""
     return (
-        f"swept by {drive}, {size}, from {shown(float(frequency.min()), 'Hz')} to {shown(float(frequency.max()), 'Hz')}"
+        f"swept by {drive}, {levels_text(record)}{held or ','} from {shown(float(frequency.min()), 'Hz')} to "
+        f"{shown(float(frequency.max()), 'Hz')}"
     )
 
 
+def levels_text(record: xr.Dataset) -> str:
+    """Levels of all points of a frequency response as they were measured, such as "0.1 N to 0.6 N"."""
+    unit, level = str(record["level"].attrs["units"]), measured_levels(record)
+    low, high = shown(float(level.min()), unit), shown(float(level.max()), unit)
+    return low if low == high else f"{low} to {high}"
+
+
 def level_text(record: xr.Dataset, points: np.ndarray | slice) -> str:
-    """Amplitude of the excitation of points, such as those of a sweep, or its range where it follows the frequency."""
-    level, unit = record["level"].values[points], str(record["level"].attrs["units"])
-    if np.ptp(level) <= STEADY_LEVEL * level.max():
-        return shown(float(np.median(level)), unit)
-    return f"{shown(float(level.min()), unit)} .. {shown(float(level.max()), unit)}"
+    """What was set at points, such as those of a sweep, or its range where it follows the frequency.
+
+    That is the amplitude of the excitation, or that of a body at which this was held.
+    """
+    if is_held(record):
+        return f"{record.attrs[HELD]} held at {_range(record[HELD_AMPLITUDE].values[points], 'm')}"
+    return _range(record["level"].values[points], str(record["level"].attrs["units"]))
+
+
+def _range(values: np.ndarray, unit: str) -> str:
+    if np.ptp(values) <= STEADY_LEVEL * values.max():
+        return shown(float(np.median(values)), unit)
+    return f"{shown(float(values.min()), unit)} .. {shown(float(values.max()), unit)}"
 
 
 def _response(record: xr.Dataset) -> Iterator[str]:
@@ -115,8 +131,18 @@ def _response(record: xr.Dataset) -> Iterator[str]:
     drive = (str(record.attrs.get(key, "")) for key in ("quantity", "place"))
     yield f"frequency response of {record.sizes['point']} points: {response_text(record, *drive)}"
     amplitude, stated = np.abs(complex_amplitude(record)), "response_sigma" in record
+    levels, unit = measured_levels(record), str(record["level"].attrs["units"])
     for sweep, points in sweeps(record):
         way = "up" if record["direction"].values[points[0]] > 0.0 else "down"
+        if is_held(record):
+            least = points[int(np.argmin(levels[points]))]
+            at = shown(float(record["frequency"].values[least]), "Hz", 6)
+            size = _range(levels[points], unit)
+            yield (
+                f"sweep {sweep:g} {way}, {level_text(record, points)}, {points.size} points: level {size}, the least "
+                f"at {at}"
+            )
+            continue
         for body, own in zip(record.body.values.tolist(), amplitude[:, points], strict=True):
             top = int(np.argmax(own))
             noise = ""
@@ -179,6 +205,7 @@ def record_warnings(record: xr.Dataset) -> Iterator[str]:
         if (doubt := doubtful_phase(record)) is not None:
             yield doubt
         yield from doubtful_uncertainties(record)
+        yield from doubtful_control(record)
         return
     names = channels(record)
     for channel in names:
@@ -232,6 +259,18 @@ def doubtful_phase(record: xr.Dataset, name: str = "the record") -> str | None:
         f"{name}: the displacement of {place} leads the force on it, by which a structure would do work on its "
         "exciter; a lag is a negative phase, and the phase is the displacement's unless its column says of what else"
     )
+
+
+def doubtful_control(record: xr.Dataset, name: str = "the record") -> Iterator[str]:
+    """Warn of sweeps whose amplitude is said to have been held, and was not."""
+    if not is_held(record):
+        return
+    for sweep, varies in unsteady(record):
+        yield (
+            f"{name}: {record.attrs[HELD]} is said to have been held at a set amplitude, but in sweep {sweep:g} its "
+            f"displacement, velocity and acceleration all vary by {100.0 * varies:.0f} % (rms) or more; check which "
+            "body was held, and whether the level was set instead"
+        )
 
 
 def doubtful_uncertainties(record: xr.Dataset, name: str = "the record") -> Iterator[str]:

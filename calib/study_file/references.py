@@ -14,6 +14,8 @@ from calib.modelling.simulator import Request, Simulator
 from calib.objective import Reference
 from calib.records import is_response, read, rename_bodies
 from calib.records.excitation import Excitation, Quantity, unit_of
+from calib.records.held_response import at_one_level
+from calib.records.response import HELD
 from calib.records.response_table import SUFFIXES as RESPONSE_SUFFIXES
 from calib.records.response_table import has_frequencies, read_response
 from calib.study import check_solvable
@@ -71,6 +73,8 @@ def _reference(
     if entry.bodies is not None:
         with mistakes.at(*key, "bodies"):
             record = rename_bodies(record, entry.bodies, entry.name)
+    with mistakes.at(*key, "excitation", "held"):
+        record = _held(record, entry.excitation)
     if model is not None:
         with mistakes.at(*key, "bodies"):
             _check_bodies(record, model, mistakes.from_python)
@@ -127,6 +131,17 @@ def _response_excitation(how: ExcitationTable | None, record: xr.Dataset) -> Exc
     return Excitation(
         place, cast(Quantity, quantity), frequency=float(record["frequency"][0]), amplitude=float(record["level"][0])
     )
+
+
+def _held(record: xr.Dataset, how: ExcitationTable | None) -> xr.Dataset:
+    """Return a response whose controller held the amplitude of a body at one level a sweep; any other as it is."""
+    if how is None or how.held is None:
+        return record
+    if not is_response(record):
+        raise CalibError("the amplitude of a body is held in a frequency response, and this record is over time")
+    if how.held != record.attrs.get(HELD, how.held):
+        raise CalibError(f"the record says that {record.attrs[HELD]!r} was held; drop the key or mend one of the two")
+    return at_one_level(record, how.held)
 
 
 def _nuisance(entry: RecordTable, record: xr.Dataset) -> tuple[str, ...]:

@@ -244,6 +244,8 @@ class ExcitationTable(TomlTable):
     """Unit of that column, or of a bare amplitude."""
     scale: Quantity = 1.0
     """Factor on that column."""
+    held: str | None = None
+    """Body of a frequency response whose amplitude a controller held, so that the level of the excitation followed."""
     cutoff: Quantity | None = None
     """Frequency of the zero-phase low-pass by which a simulator takes derivatives of a recorded motion."""
 

@@ -9,7 +9,7 @@ import xarray as xr
 from calib.objective import Objective
 from calib.records import CHANNELS, channels, is_response, prescribed
 from calib.report.formatting import number
-from calib.report.record_description import level_text
+from calib.report.record_description import levels_text
 
 MAX_AMPLITUDE_RATIO = 100.0  # of measured to simulated rms, or its inverse: beyond, a unit is suspected  [1]
 
@@ -33,7 +33,7 @@ def implausible_amplitudes(
             unit = CHANNELS.get(channel, measured[channel].attrs.get("units", "1"))
             advice = f"its unit; numbers without a unit are taken as {unit}"
             if is_response(measured):
-                advice = f"its unit and that of the level, {level_text(measured, slice(None))}, which excites the model"
+                advice = f"its unit and that of the level, {levels_text(measured)}, which excites the model"
             elif name in tables:
                 advice = "its unit and its column"
             remarks.append(

@@ -3,7 +3,12 @@
 from collections.abc import Iterator
 
 from calib.records import is_response
-from calib.report.record_description import doubtful_frequency, doubtful_phase, doubtful_uncertainties
+from calib.report.record_description import (
+    doubtful_control,
+    doubtful_frequency,
+    doubtful_phase,
+    doubtful_uncertainties,
+)
 from calib.study_file import StudyFile
 
 
@@ -21,3 +26,4 @@ def doubtful_records(file: StudyFile) -> Iterator[str]:
         if doubt is not None:
             yield doubt
         yield from doubtful_uncertainties(reference.record, called)
+        yield from doubtful_control(reference.record, called)

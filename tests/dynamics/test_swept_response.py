@@ -6,13 +6,13 @@ from dynamics.plain_maps import PlainMap, logistic
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from calib.dynamics import neighbour_curve, swept_series
-from calib.dynamics import swept_response as swept_response_module
+from calib.dynamics import neighbour_curve, swept_paths, swept_series
 from calib.dynamics.arclength import run
-from calib.dynamics.level_curve import level_over_frequency
+from calib.dynamics.level_curve import LevelCurve
 from calib.dynamics.series_curve import modal_system
 from calib.dynamics.setting import Setting
-from calib.dynamics.swept_response import swept_curves, swept_path, swept_response
+from calib.dynamics.swept_path import swept_path
+from calib.dynamics.swept_response import swept_curves, swept_response
 from calib.dynamics.swept_series import SeriesSweep, series_sweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
@@ -56,7 +56,7 @@ def test_a_sweep_down_jumps_up_where_the_lower_branch_folds():
 
 def by_shooting(monkeypatch, *sweep, **values):
     with monkeypatch.context() as patched:
-        patched.setattr(swept_response_module, "series_sweep", lambda *_: None)
+        patched.setattr(swept_paths, "series_sweep", lambda *_: None)
         return swept(*sweep, **values)
 
 
@@ -81,7 +81,7 @@ def test_a_sweep_beside_that_of_other_values_is_the_one_sought_without_it(monkey
     model, friction = Model(Oscillator(), [COULOMB_FRICTION]), {"friction": 2e-3, "friction_slip": 5e-3}
     _, known = swept_curves(Model(Oscillator()), VALUES, FORCE, measured)
     sought = swept_response(model, {**VALUES, **friction}, FORCE, measured)
-    monkeypatch.setattr(swept_response_module, "swept_path", None)  # nothing is sought without the known one
+    monkeypatch.setattr(swept_paths, "swept_path", None)  # nothing is sought without the known one
     found, own = swept_curves(model, {**VALUES, **friction}, FORCE, measured, known)
     frequency = np.linspace(2.8, 3.6, 50)
     expected = at(sought, frequency, 0.0)
@@ -104,8 +104,8 @@ def there_and_back(level, direction, high=4.2, amplitude=1.0):
 def test_a_curve_without_folds_is_followed_once_for_sweeps_there_and_back(direction, monkeypatch):
     values, measured = {**VALUES, "k3": 2e5}, there_and_back(0.1, direction)
     model = Model(Oscillator(), [CUBIC_STIFFNESS])
-    follow, paths = swept_response_module.swept_path, []
-    monkeypatch.setattr(swept_response_module, "swept_path", lambda *given: paths.append(1) or follow(*given))
+    follow, paths = swept_paths.swept_path, []
+    monkeypatch.setattr(swept_paths, "swept_path", lambda *given: paths.append(1) or follow(*given))
     found, curves = swept_curves(model, values, FORCE, measured)
     assert len(paths) == 1
     back = measured.isel(point=measured.sweep.values == 1.0)
@@ -155,7 +155,7 @@ def test_sweeps_there_and_back_over_a_fold_are_those_of_each_alone():
 @pytest.mark.parametrize("by_series", [True, False])
 def test_a_sweep_that_turns_below_the_jump_stays_on_the_motion_that_was_measured(by_series, monkeypatch):
     if not by_series:
-        monkeypatch.setattr(swept_response_module, "series_sweep", lambda *_: None)
+        monkeypatch.setattr(swept_paths, "series_sweep", lambda *_: None)
     model, values = Model(Oscillator(), [CUBIC_STIFFNESS]), {**VALUES, "k3": 4e5}
     upper, lower = (
         swept_response(model, values, FORCE, there_and_back(0.6, (1.0, -1.0), 3.7, amplitude))
@@ -199,7 +199,7 @@ def test_a_drive_with_a_second_harmonic_is_balanced_as_by_shooting(monkeypatch):
     model = Model(Oscillator(), [QUADRATIC_STIFFNESS, DRIVE_HARMONIC_2])
     values = {**VALUES, "k2": 4e3, "h2_cos": 0.4, "h2_sin": -0.3}
     found, curves = swept_curves(model, values, FORCE, measured)
-    monkeypatch.setattr(swept_response_module, "series_sweep", lambda *_: None)
+    monkeypatch.setattr(swept_paths, "series_sweep", lambda *_: None)
     expected = at(swept_response(model, values, FORCE, measured), frequency, 0.0)
     assert list(curves) == [0.0]
     np.testing.assert_allclose(at(found, frequency, 0.0), expected, atol=1e-4 * abs(expected).max())
@@ -276,16 +276,16 @@ def test_a_level_measured_point_by_point_is_followed_without_corners(points):
     at, own = simulated.frequency.values[places], complex_amplitude(simulated)[0, places]
     exact = simulated.level.values[places] / (400.0 - (2.0 * np.pi * at) ** 2 + 1j * np.pi * at)
     np.testing.assert_allclose(own, exact, rtol=1e-6)
-    curve = level_over_frequency(frequency, level)
+    curve = LevelCurve(frequency, level)
     np.testing.assert_allclose([curve(f) for f in frequency], level, rtol=1e-12)
     assert all(curve(f) > 0.0 for f in (2.5, 2.99, 3.41, 4.0))
 
 
 def test_levels_that_were_read_several_times_at_a_frequency_are_their_mean():
-    three_times = level_over_frequency(np.array([3.0, 3.0, 3.0, 3.2]), np.full(4, 0.4))
+    three_times = LevelCurve(np.array([3.0, 3.0, 3.0, 3.2]), np.full(4, 0.4))
     assert {three_times(at) for at in (2.5, 3.0, 3.1, 4.0)} == {0.4}  # 0.4 + 0.4 + 0.4 is not three times 0.4
-    assert level_over_frequency(np.array([3.0, 3.0]), np.array([1.0, 2.0]))(3.0) == pytest.approx(1.5)
-    alike = level_over_frequency(np.array([3.0, 3.0, 4.0, 4.0]), np.array([1.0, 3.0, 3.0, 1.0]))
+    assert LevelCurve(np.array([3.0, 3.0]), np.array([1.0, 2.0]))(3.0) == pytest.approx(1.5)
+    alike = LevelCurve(np.array([3.0, 3.0, 4.0, 4.0]), np.array([1.0, 3.0, 3.0, 1.0]))
     assert alike(3.5) == pytest.approx(2.0)
 
 

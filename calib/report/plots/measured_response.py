@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from calib.execution.files import whole
+from calib.records.held_response import is_held
 from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
 from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, fitted_legend, png
 from calib.report.record_description import level_text
@@ -45,7 +46,8 @@ def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) 
             scale, unit = _points(upper, lower, measured, body, colours)
             if simulated is not None and body in simulated.body.values:
                 _curves(upper, lower, simulated, body, colours, scale)
-            upper.set_ylabel(f"{body}: amplitude [{unit}]")
+            at = " at one level" if is_held(measured) else ""
+            upper.set_ylabel(f"{body}: amplitude{at} [{unit}]")
             upper.set_ylim(0.0, None)
             lower.set_ylabel("Phase [deg]")
         grid[-1].set_xlabel("Frequency of the excitation [Hz]")

@@ -1,0 +1,85 @@
+"""Sweeps at a held amplitude: motions of that amplitude and the level that each takes, by harmonic balance.
+
+The amplitude is the one that was measured point by point (`calib.records.held_response`). There the response to a set
+level may have several motions, stable ones and others: at a held amplitude it has one, so that neither the direction of
+the sweep nor where it began matters (Renson et al., J. Sound Vib. 367 (2016) 145).
+"""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from calib.dynamics.arclength import EDGE_ROUNDING, MAX_ARCLENGTH_STEP
+from calib.dynamics.backbone import HeldBranch, held_response
+from calib.dynamics.level_curve import LevelCurve
+from calib.dynamics.response import AMPLITUDE
+from calib.dynamics.setting import Setting
+from calib.dynamics.swept_paths import stops_of
+from calib.dynamics.swept_series import MAX_LEFT_OUT, MAX_STRETCH_LENGTH, SERIES_HARMONICS
+from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, make_response, sweeps
+
+MAX_HELD_ROUNDS = 4  # of the amplitude of a body for that which is measured of it
+HELD_TOLERANCE = 1e-4  # of the measured amplitude, from the one that was held  [1]
+
+
+class HeldSweep(NamedTuple):
+    """Motions of one sweep: its number, its direction, and the curve that it is on, upwards.
+
+    whole : whether the curve reaches the end of the sweep's window
+    """
+
+    sweep: float
+    direction: float
+    branch: HeldBranch
+    whole: bool
+
+
+def held_sweeps(setting: Setting, measured: xr.Dataset) -> Iterator[HeldSweep]:
+    """Motions at the amplitudes that sweeps of a measured response held, beyond its ends by a margin.
+
+    Parameters
+    ----------
+    measured : see `calib.records.held_response.at_one_level`
+
+    Raises
+    ------
+    CalibError : a simulator that harmonic balance does not serve, or an amplitude that cannot be held
+    """
+    body = str(measured.attrs[HELD])
+    for sweep, points in sweeps(measured):
+        frequency, amplitude = (measured[name].values[points] for name in ("frequency", HELD_AMPLITUDE))
+        target = LevelCurve(frequency, amplitude)
+        stops = stops_of(frequency, 1.0)
+        for _ in range(MAX_HELD_ROUNDS):
+            branch = _described(setting, body, target, (float(stops[0]), float(stops[-1])))
+            wanted = np.array([target(own) for own in branch.frequency.tolist()])
+            ratio = branch.amplitude / wanted * _as_measured(setting, branch)
+            if np.abs(ratio - 1.0).max() <= HELD_TOLERANCE:
+                break
+            target = LevelCurve(branch.frequency, wanted / ratio)
+        whole = float(branch.frequency[-1]) >= float(stops[-1]) * (1.0 - EDGE_ROUNDING)
+        yield HeldSweep(sweep, float(measured["direction"][points[0]]), branch, whole)
+
+
+def _described(setting: Setting, body: str, target: LevelCurve, window: tuple[float, float]) -> HeldBranch:
+    """Curve of as many harmonics as the motions need, at most the most of `SERIES_HARMONICS`."""
+    most = math.ceil(MAX_STRETCH_LENGTH / MAX_ARCLENGTH_STEP)
+    for harmonics in SERIES_HARMONICS:
+        branch = held_response(setting, body, target, window, harmonics=harmonics, most=most)
+        if branch.left_out.max() <= MAX_LEFT_OUT:
+            break
+    return branch
+
+
+def _as_measured(setting: Setting, branch: HeldBranch) -> np.ndarray:
+    """Amplitude (m,) of the body as effects at the site "response" have it measured, over its own  [1]."""
+    row, own = branch.bodies.index(branch.body), branch.harmonics[:, 1]
+    record = make_response(
+        branch.frequency, branch.bodies, own, branch.level, setting.unit(AMPLITUDE),
+        place=setting.excitation.place, quantity=setting.excitation.quantity,
+    )  # fmt: skip
+    read = complex_amplitude(setting.model.measured_response(record, setting.values))
+    return np.asarray(np.abs(read[row] / own[row]))

@@ -1,0 +1,84 @@
+"""Frequency responses at a held amplitude, or constant-response tests: the level followed as it was needed.
+
+A controller holds the amplitude of a body while the frequency is stepped, and what is measured is the level that takes.
+Where a resonance would fold at a set level, all of its motions are met this way, also those that are unstable there.
+
+The record states H, the complex amplitude, at one level of each sweep: that which was measured, times the level of the
+sweep over the level of the point. So it is the response of the linear system that moves as the body does at the
+amplitude that was held, and may be drawn, compared and weighed as any other. Nothing is lost: the level of a point was
+that of the sweep, times `held_amplitude` over |H| of the body.
+"""
+
+import numpy as np
+import xarray as xr
+
+from calib.errors import CalibError, nearest
+from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, sweeps, with_amplitude
+
+MAX_UNSTEADINESS = 0.1  # of an amplitude that is held: rms deviation over the mean  [1]
+
+
+def is_held(record: xr.Dataset) -> bool:
+    """Whether the amplitude of a body was held, and the record is `at_one_level`."""
+    return HELD in record.attrs and HELD_AMPLITUDE in record
+
+
+def at_one_level(record: xr.Dataset, body: str) -> xr.Dataset:
+    """Put a response whose controller held the amplitude of `body` at one level a sweep, the median.
+
+    Standard uncertainties of amplitudes are multiplied likewise: in proportion to the amplitude that was held they are
+    those of the level in proportion to the level.
+
+    Parameters
+    ----------
+    record : as measured, checked by `calib.records.response.check_response`; one that is at one level stays as it is
+
+    Raises
+    ------
+    CalibError : an unknown body, or one that does not move at a point
+    """
+    if is_held(record):
+        return record
+    bodies = [str(own) for own in record.body.values]
+    if body not in bodies:
+        raise CalibError(f"held: no body {body!r}{nearest(body, bodies)}; the response is of {', '.join(bodies)}")
+    measured = complex_amplitude(record)
+    held = np.abs(measured[bodies.index(body)])
+    if not (held > 0.0).all():
+        at = float(record["frequency"].values[np.argmin(held > 0.0)])
+        raise CalibError(f"held: {body} does not move at {at:g} Hz, so that its amplitude cannot have been held there")
+    levels = record["level"].values
+    level = np.empty_like(levels)
+    for _, points in sweeps(record):
+        level[points] = np.median(levels[points])
+    factor = level / levels
+    unit = {"units": record["level"].attrs["units"]}
+    scaled = with_amplitude(record, measured * factor).assign(
+        {"level": ("point", level, unit), HELD_AMPLITUDE: ("point", held, {"units": "m"})}
+    )
+    if "response_sigma" in record:
+        sigma = record["response_sigma"]
+        scaled = scaled.assign(response_sigma=sigma.copy(data=sigma.values * factor))
+    return scaled.assign_attrs({HELD: body})
+
+
+def measured_levels(record: xr.Dataset) -> np.ndarray:
+    """Level (point,) of the excitation as it was measured, also of a response at a held amplitude  [its unit]."""
+    if not is_held(record):
+        return np.asarray(record["level"].values)
+    own = np.abs(complex_amplitude(record.sel(body=[record.attrs[HELD]])))[0]
+    return np.asarray(record["level"].values * record[HELD_AMPLITUDE].values / own)
+
+
+def unsteady(record: xr.Dataset) -> list[tuple[float, float]]:
+    """Sweeps of a held response in which it was not held, by number, and by how much: rms deviation over the mean.
+
+    Of displacement, velocity and acceleration that which varies least.
+    """
+    omega, found = 2.0 * np.pi * record["frequency"].values, []
+    for sweep, points in sweeps(record):
+        motions = record[HELD_AMPLITUDE].values[points] * omega[points] ** np.arange(3)[:, None]
+        varies = float((np.std(motions, axis=1) / np.mean(motions, axis=1)).min())
+        if varies > MAX_UNSTEADINESS:
+            found.append((sweep, varies))
+    return found
