@@ -51,15 +51,15 @@ def held_sweeps(setting: Setting, measured: xr.Dataset) -> Iterator[HeldSweep]:
     body = str(measured.attrs[HELD])
     for sweep, points in sweeps(measured):
         frequency, amplitude = (measured[name].values[points] for name in ("frequency", HELD_AMPLITUDE))
-        target = LevelCurve(frequency, amplitude)
-        stops = stops_of(frequency, 1.0)
+        measured_amplitude = LevelCurve(frequency, amplitude)
+        stops, target = stops_of(frequency, 1.0), measured_amplitude
         for _ in range(MAX_HELD_ROUNDS):
             branch = _described(setting, body, target, (float(stops[0]), float(stops[-1])))
-            wanted = np.array([target(own) for own in branch.frequency.tolist()])
-            ratio = branch.amplitude / wanted * _as_measured(setting, branch)
-            if np.abs(ratio - 1.0).max() <= HELD_TOLERANCE:
+            wanted = np.array([measured_amplitude(own) for own in branch.frequency.tolist()])
+            excess = branch.amplitude * _as_measured(setting, branch) / wanted
+            if np.abs(excess - 1.0).max() <= HELD_TOLERANCE:
                 break
-            target = LevelCurve(branch.frequency, wanted / ratio)
+            target = LevelCurve(branch.frequency, branch.amplitude / excess)
         whole = float(branch.frequency[-1]) >= float(stops[-1]) * (1.0 - EDGE_ROUNDING)
         yield HeldSweep(sweep, float(measured["direction"][points[0]]), branch, whole)
 
