@@ -12,6 +12,7 @@ from calib.modelling.parameter import Parameter
 from calib.modelling.simulator import Simulator
 from calib.objective import Reference
 from calib.records import channels
+from calib.records.held_response import as_measured
 from calib.records.response import complex_amplitude
 from calib.units import powers
 
@@ -134,6 +135,7 @@ class Scales:
         for reference in references:
             record, frequency = reference.record, reference.excitation.frequency
             if reference.is_swept:
+                record = as_measured(record)
                 length.append(np.abs(complex_amplitude(record)).max())
                 force += [record["level"].values.max()] if reference.excitation.quantity == "force" else []
                 time.append(1.0 / (2.0 * np.pi * float(np.median(record["frequency"].values))))

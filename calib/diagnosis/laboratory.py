@@ -6,6 +6,7 @@ from itertools import product
 from typing import Final
 
 import numpy as np
+import xarray as xr
 
 from calib.diagnosis.part import Part
 from calib.errors import nearest
@@ -13,6 +14,7 @@ from calib.modelling.model import Model
 from calib.objective import Reference
 from calib.records import STATE
 from calib.records.excitation import Excitation
+from calib.records.held_response import as_measured
 from calib.records.response import sweeps
 
 STEADY_TONE, SWEEP, RECORDED_INPUT = "steady tone", "sweep", "recorded input"
@@ -318,11 +320,17 @@ def _region(test: str, laboratory: Laboratory, references: Mapping[str, Referenc
 def _levels(laboratory: Laboratory, references: Mapping[str, Reference], base: Reference) -> DesignRegion:
     """Design region of a stepped sine over the frequencies of the responses, of which the base is one."""
     responses = [reference.record for reference in alike(references, base).values()]
-    levels = [float(own["level"].values[points].max()) for own in responses for _, points in sweeps(own)]
+    levels = [level for own in responses for level in largest_levels(own)]
     level = _variable("amplitude", base.excitation.unit, laboratory.amplitude, levels)
     ends = [float(end) for own in responses for end in (own.frequency.min(), own.frequency.max())]
     low, high = laboratory.frequency or (min(ends), max(ends))
     return DesignRegion(DesignPoint(STEPPED_SINE, frequency=low, end_frequency=high), (level,))
+
+
+def largest_levels(response: xr.Dataset) -> list[float]:
+    """Largest level of the excitation in each sweep  [its unit]."""
+    level = as_measured(response)["level"].values
+    return [float(level[points].max()) for _, points in sweeps(response)]
 
 
 def alike(references: Mapping[str, Reference], base: Reference) -> dict[str, Reference]:

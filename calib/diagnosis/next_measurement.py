@@ -13,6 +13,7 @@ from calib.diagnosis.laboratory import (
     amplitude_of,
     base_record,
     inapplicable_tests,
+    largest_levels,
     regions,
 )
 from calib.diagnosis.measurement import EvaluatedPoint, Measurement
@@ -21,7 +22,6 @@ from calib.diagnosis.refit import Fitter
 from calib.diagnosis.separation import with_free_form, with_steps
 from calib.diagnosis.suspect import Refitted
 from calib.objective import Reference
-from calib.records.response import sweeps
 from calib.study import Pool
 
 MAX_MODELS = 4  # rival models that are compared  [count]
@@ -110,8 +110,8 @@ def _known(references: Mapping[str, Reference], part: Part) -> tuple[RecordedPoi
     base = references[part.name]
     if base.is_swept:
         records = {name: reference.record for name, reference in alike(references, base).items()}
-        levels = {name: {float(r["level"].values[p].max()) for _, p in sweeps(r)} for name, r in records.items()}
-        return tuple(RecordedPoint(name, level, None) for name, own in levels.items() for level in sorted(own))
+        levels = {name: largest_levels(record) for name, record in records.items()}
+        return tuple(RecordedPoint(name, level, None) for name, own in levels.items() for level in sorted(set(own)))
     return tuple(
         RecordedPoint(name, amplitude_of(r.excitation), r.excitation.frequency if r.excitation.harmonic else None)
         for name, r in alike(references, base).items()

@@ -6,7 +6,7 @@ the sweep nor where it began matters (Renson et al., J. Sound Vib. 367 (2016) 14
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from calib.dynamics.response import AMPLITUDE
 from calib.dynamics.setting import Setting
 from calib.dynamics.swept_paths import stops_of
 from calib.dynamics.swept_series import MAX_LEFT_OUT, MAX_STRETCH_LENGTH, SERIES_HARMONICS
+from calib.errors import CalibError
 from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, make_response, sweeps
 
 MAX_HELD_ROUNDS = 4  # of the amplitude of a body for that which is measured of it
@@ -51,27 +52,48 @@ def held_sweeps(setting: Setting, measured: xr.Dataset) -> Iterator[HeldSweep]:
     body = str(measured.attrs[HELD])
     for sweep, points in sweeps(measured):
         frequency, amplitude = (measured[name].values[points] for name in ("frequency", HELD_AMPLITUDE))
-        measured_amplitude = LevelCurve(frequency, amplitude)
-        stops, target = stops_of(frequency, 1.0), measured_amplitude
-        for _ in range(MAX_HELD_ROUNDS):
-            branch = _described(setting, body, target, (float(stops[0]), float(stops[-1])))
-            wanted = np.array([measured_amplitude(own) for own in branch.frequency.tolist()])
-            excess = branch.amplitude * _as_measured(setting, branch) / wanted
-            if np.abs(excess - 1.0).max() <= HELD_TOLERANCE:
-                break
-            target = LevelCurve(branch.frequency, branch.amplitude / excess)
+        stops = stops_of(frequency, 1.0)
+        branch = _held(setting, body, LevelCurve(frequency, amplitude), (float(stops[0]), float(stops[-1])))
         whole = float(branch.frequency[-1]) >= float(stops[-1]) * (1.0 - EDGE_ROUNDING)
         yield HeldSweep(sweep, float(measured["direction"][points[0]]), branch, whole)
 
 
-def _described(setting: Setting, body: str, target: LevelCurve, window: tuple[float, float]) -> HeldBranch:
-    """Curve of as many harmonics as the motions need, at most the most of `SERIES_HARMONICS`."""
+def _held(setting: Setting, body: str, wanted: LevelCurve, window: tuple[float, float]) -> HeldBranch:
+    """Curve on which the amplitude that is measured of the body is the wanted one.
+
+    The body's own amplitude is that over the ratio of the two, which is found anew on each curve.
+    """
+    choices: Sequence[int] = SERIES_HARMONICS
+    target, before = wanted, math.inf
+    for _ in range(MAX_HELD_ROUNDS):
+        branch, choices = _described(setting, body, target, window, choices)
+        read = branch.amplitude * _as_measured(setting, branch)
+        excess = read / np.array([wanted(own) for own in branch.frequency.tolist()])
+        apart = float(np.abs(excess - 1.0).max())
+        if apart <= HELD_TOLERANCE:
+            break
+        if apart > before:
+            raise CalibError(
+                f"what is measured of {body} cannot be held at a set amplitude from {window[0]:g} to {window[1]:g} Hz: "
+                f"it departs by {apart:.0%}; effects on what is measured are as large as the motion"
+            )
+        target, before = LevelCurve(branch.frequency, branch.amplitude / excess), apart
+    return branch
+
+
+def _described(
+    setting: Setting, body: str, target: LevelCurve, window: tuple[float, float], choices: Sequence[int]
+) -> tuple[HeldBranch, Sequence[int]]:
+    """Curve of as many harmonics as the motions need, and the choices from there on.
+
+    choices : numbers of harmonics, of which the last is taken where none suffices
+    """
     most = math.ceil(MAX_STRETCH_LENGTH / MAX_ARCLENGTH_STEP)
-    for harmonics in SERIES_HARMONICS:
+    for harmonics in choices:
         branch = held_response(setting, body, target, window, harmonics=harmonics, most=most)
         if branch.left_out.max() <= MAX_LEFT_OUT:
             break
-    return branch
+    return branch, [more for more in choices if more >= harmonics]
 
 
 def _as_measured(setting: Setting, branch: HeldBranch) -> np.ndarray:

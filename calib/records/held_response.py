@@ -6,7 +6,7 @@ Where a resonance would fold at a set level, all of its motions are met this way
 The record states H, the complex amplitude, at one level of each sweep: that which was measured, times the level of the
 sweep over the level of the point. So it is the response of the linear system that moves as the body does at the
 amplitude that was held, and may be drawn, compared and weighed as any other. Nothing is lost: the level of a point was
-that of the sweep, times `held_amplitude` over |H| of the body.
+that of the sweep, times `held_amplitude` over |H| of the body (`as_measured`).
 """
 
 import numpy as np
@@ -62,12 +62,22 @@ def at_one_level(record: xr.Dataset, body: str) -> xr.Dataset:
     return scaled.assign_attrs({HELD: body})
 
 
-def measured_levels(record: xr.Dataset) -> np.ndarray:
-    """Level (point,) of the excitation as it was measured, also of a response at a held amplitude  [its unit]."""
+def as_measured(record: xr.Dataset) -> xr.Dataset:
+    """Return a response with the amplitudes and levels of its points as measured; any other than a held one as it is.
+
+    Of this `at_one_level` makes the record again, as far as its uncertainties are not asked for.
+    """
     if not is_held(record):
-        return np.asarray(record["level"].values)
-    own = np.abs(complex_amplitude(record.sel(body=[record.attrs[HELD]])))[0]
-    return np.asarray(record["level"].values * record[HELD_AMPLITUDE].values / own)
+        return record
+    scaled = complex_amplitude(record)
+    bodies = record.body.values.tolist()
+    factor = record[HELD_AMPLITUDE].values / np.abs(scaled[bodies.index(record.attrs[HELD])])
+    level = record["level"].copy(data=record["level"].values * factor)
+    return (
+        with_amplitude(record, scaled * factor)
+        .assign(level=level)
+        .drop_vars([HELD_AMPLITUDE, "response_sigma"], errors="ignore")
+    )
 
 
 def unsteady(record: xr.Dataset) -> list[tuple[float, float]]:

@@ -20,7 +20,7 @@ from calib.records.clipping import clipped_runs
 from calib.records.cycles import gaps_in, impact, kind_of_motion, phase_curve
 from calib.records.decay import is_free_decay, release, smoothed_record
 from calib.records.excitation import UNITS
-from calib.records.held_response import is_held, measured_levels, unsteady
+from calib.records.held_response import as_measured, is_held, unsteady
 from calib.records.repetition import other_frequency
 from calib.records.response import HELD, HELD_AMPLITUDE, SIGMA_SOURCE, complex_amplitude, has_phase, sweeps, tolerances
 from calib.records.white_noise import shows_noise
@@ -105,7 +105,7 @@ def response_text(record: xr.Dataset, quantity: str, place: str) -> str:
 
 def levels_text(record: xr.Dataset) -> str:
     """Levels of all points of a frequency response as they were measured, such as "0.1 N to 0.6 N"."""
-    unit, level = str(record["level"].attrs["units"]), measured_levels(record)
+    unit, level = str(record["level"].attrs["units"]), as_measured(record)["level"].values
     low, high = shown(float(level.min()), unit), shown(float(level.max()), unit)
     return low if low == high else f"{low} to {high}"
 
@@ -131,7 +131,7 @@ def _response(record: xr.Dataset) -> Iterator[str]:
     drive = (str(record.attrs.get(key, "")) for key in ("quantity", "place"))
     yield f"frequency response of {record.sizes['point']} points: {response_text(record, *drive)}"
     amplitude, stated = np.abs(complex_amplitude(record)), "response_sigma" in record
-    levels, unit = measured_levels(record), str(record["level"].attrs["units"])
+    levels, unit = as_measured(record)["level"].values, str(record["level"].attrs["units"])
     for sweep, points in sweeps(record):
         way = "up" if record["direction"].values[points[0]] > 0.0 else "down"
         if is_held(record):

@@ -33,6 +33,7 @@ from calib.dynamics.swept_response import swept_response
 from calib.modelling.effect import Effect
 from calib.modelling.model import Model
 from calib.plugins import load as registered
+from calib.records.held_response import as_measured
 from calib.records.response import complex_amplitude, sweeps
 from calib.report.plots.style import DPI, STYLE
 from calib.study_file import StudyFile, load
@@ -186,6 +187,7 @@ def rms(values: np.ndarray) -> float:
 
 def levels(record: xr.Dataset, name: str) -> Iterator[Level]:
     """Sweeps of a record, named by what was held: the acceleration, or the force."""
+    record = as_measured(record)
     amplitude = complex_amplitude(record)[0]
     for _, points in sweeps(record):
         frequency, own, force = (x[points] for x in (record.frequency.values, amplitude, record.level.values))

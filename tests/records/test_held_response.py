@@ -6,7 +6,7 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.records import read, rename_bodies, write
-from calib.records.held_response import at_one_level, is_held, measured_levels, unsteady
+from calib.records.held_response import as_measured, at_one_level, is_held, unsteady
 from calib.records.response import complex_amplitude, make_response
 from calib.records.response_table import read_response
 from calib.report.record_description import record_description, record_warnings
@@ -34,8 +34,10 @@ def test_each_sweep_is_at_the_median_of_its_levels_with_the_receptances_measured
         complex_amplitude(held) / held.level.values, complex_amplitude(measured()) / LEVEL, rtol=1e-14
     )
     np.testing.assert_allclose(held.held_amplitude.values, 1e-3 * AMPLITUDE, rtol=1e-14)
-    np.testing.assert_allclose(measured_levels(held), LEVEL, rtol=1e-14)
-    np.testing.assert_allclose(measured_levels(measured()), LEVEL)
+    np.testing.assert_allclose(as_measured(held).level.values, LEVEL, rtol=1e-14)
+    np.testing.assert_allclose(complex_amplitude(as_measured(held)), complex_amplitude(measured()), rtol=1e-14)
+    assert not is_held(as_measured(held))
+    xr.testing.assert_identical(as_measured(measured()), measured())
     xr.testing.assert_identical(at_one_level(held, "mass"), held)
 
 
@@ -92,7 +94,7 @@ def test_a_text_file_says_it_in_a_comment(tmp_path):
         "frequency [Hz], mass amplitude [mm], mass phase [deg], level [N]"
     )
     path.write_text("\n".join([head, *rows[:3]]))
-    np.testing.assert_allclose(measured_levels(read_response(path)), LEVEL[:3], rtol=1e-14)
+    np.testing.assert_allclose(as_measured(read_response(path)).level.values, LEVEL[:3], rtol=1e-14)
     assert is_held(read_response(path))
     path.write_text("\n".join([head.replace("held: mass", "held: tip"), *rows[:3]]))
     with pytest.raises(CalibError, match="no body 'tip'"):

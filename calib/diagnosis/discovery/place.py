@@ -10,6 +10,7 @@ from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
 from calib.modelling.effect import interfaces_of, places_of
 from calib.modelling.simulator import Simulator
 from calib.objective import Reference
+from calib.records.held_response import as_measured
 from calib.records.response import complex_amplitude, has_phase, states_of_motions
 from calib.study import Pool
 
@@ -123,7 +124,7 @@ def _measured_rows(place: ForcePlace, reference: Reference, compared: Sequence[t
         known = has_phase(record) or len(place.factors) == 1
         if not known or not set(place.factors) <= {body for body, _ in compared}:
             return None
-        own = complex_amplitude(record)[[bodies.index(body) for body in place.factors]]
+        own = complex_amplitude(as_measured(record))[[bodies.index(body) for body in place.factors]]
         motions = np.stack([np.zeros_like(own), own], axis=1)
         return np.concatenate(states_of_motions(record["frequency"].values, motions))
     if not set(place.rows) <= set(compared):
