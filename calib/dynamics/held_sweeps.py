@@ -23,7 +23,7 @@ from calib.errors import CalibError
 from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, make_response, sweeps
 
 MAX_HELD_ROUNDS = 4  # of the amplitude of a body for that which is measured of it
-HELD_TOLERANCE = 1e-4  # of the measured amplitude, from the one that was held  [1]
+HELD_TOLERANCE = 1e-3  # of the measured amplitude, from the one that was held  [1]
 
 
 class HeldSweep(NamedTuple):
@@ -75,7 +75,7 @@ def _held(setting: Setting, body: str, wanted: LevelCurve, window: tuple[float, 
         if apart > before:
             raise CalibError(
                 f"what is measured of {body} cannot be held at a set amplitude from {window[0]:g} to {window[1]:g} Hz: "
-                f"it departs by {apart:.0%}; effects on what is measured are as large as the motion"
+                f"it departs by {apart:.2g} of it; effects on what is measured are as large as the motion"
             )
         target, before = LevelCurve(branch.frequency, branch.amplitude / excess), apart
     return branch

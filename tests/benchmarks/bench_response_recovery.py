@@ -2,27 +2,28 @@
 
     PYTHONPATH=tests python tests/benchmarks/bench_response_recovery.py recovered.jsonl --seeds 100
 
-Three levels of a Duffing oscillator with 2 % noise, swept up; with `--directions both` down as well. Each case appends
-its line to the file, and the same command goes on where it was stopped.
+Three levels of a Duffing oscillator with 2 % noise, swept up; with `--control both` down as well, with `--control held`
+at three held amplitudes. Each case appends its line to the file, and the same command goes on where it was stopped.
 """
 
 import argparse
 import json
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from response_recovery import WINDOWS, recovered
+from response_recovery import WINDOWS, held, recovered, stepped
 from scipy.stats import binomtest
 
-DIRECTIONS = {"up": (1.0,), "both": (1.0, -1.0)}
+RECORDS = {"up": stepped, "both": partial(stepped, directions=(1.0, -1.0)), "held": held}
 
 
-def errors(seed: int, directions: str) -> dict[str, float | None]:
+def errors(seed: int, control: str) -> dict[str, float | None]:
     """Error of each value in its standard errors, None without an interval."""
     with tempfile.TemporaryDirectory() as folder:
-        truth, confidence = recovered(seed, DIRECTIONS[directions], Path(folder) / "out")
+        truth, confidence = recovered(seed, RECORDS[control], Path(folder) / "out")
     found = {}
     for name in WINDOWS:
         low, high = confidence.interval.get(name, (np.nan, np.nan))
@@ -36,15 +37,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("file", type=Path, help="JSON lines, one a case")
     parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--directions", choices=DIRECTIONS, default="up")
+    parser.add_argument("--control", choices=RECORDS, default="up")
     asked = parser.parse_args()
     known = [json.loads(line) for line in asked.file.read_text().splitlines()] if asked.file.exists() else []
-    rows = {row["seed"]: row for row in known if row["directions"] == asked.directions}
+    rows = {row["seed"]: row for row in known if row["control"] == asked.control}
     with asked.file.open("a", encoding="utf-8") as file:
         for seed in (seed for seed in range(asked.seeds) if seed not in rows):
             begin = time.process_time()
-            found = errors(seed, asked.directions)
-            row = {"seed": seed, "directions": asked.directions, "errors": found, "cpu": time.process_time() - begin}
+            found = errors(seed, asked.control)
+            row = {"seed": seed, "control": asked.control, "errors": found, "cpu": time.process_time() - begin}
             rows[seed] = row
             file.write(json.dumps(row) + "\n")
             file.flush()
