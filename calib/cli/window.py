@@ -13,6 +13,7 @@ from calib.cli.status import folder_of
 from calib.confidence.window.artifacts import WINDOW_DATA
 from calib.confidence.window.document import WINDOW_FILE, WindowResult
 from calib.confidence.window.words import (
+    admissible_in_words,
     alone,
     bounds,
     exact_in_words,
@@ -71,8 +72,7 @@ def tolerance_of(text: str) -> tuple[str, float]:
 def show(result: WindowResult, folder: Path, console: Console) -> None:
     """Print the share of the box, what bounds the window, what each parameter may vary, and where the files are."""
     console.print(f"{escape(share_in_words(result))} over {', '.join(map(escape, result.windows))}", soft_wrap=True)
-    admitted = ", ".join(f"{label} up to {value:.3g}" for label, value in result.tolerances.items())
-    console.print(f"admissible: the measured kind of motion, and a distance of {escape(admitted)}", soft_wrap=True)
+    console.print(f"admissible: {escape(admissible_in_words(result))}", soft_wrap=True)
     console.print(
         f"bounded by {escape(mechanisms_in_words(result.mechanisms, most=len(result.mechanisms)))}", soft_wrap=True
     )

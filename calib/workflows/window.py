@@ -31,7 +31,6 @@ from calib.study_file import StudyFile, load
 from calib.units import count
 from calib.workflows.calibrate import rebuild_file
 from calib.workflows.calibrated import calibrated_values
-from calib.workflows.time_records import check_time_records
 
 WINDOW_PICTURE = "window.png"
 WINDOW_FOLDER = "window"  # in that of the results: the ledger
@@ -80,7 +79,7 @@ def window_study(
     CalibError : a mistake in the study file, the study is not calibrated, an unknown term, or no window was found
     KeyboardInterrupt : stopped by Ctrl-C; the points evaluated until then are kept
     """
-    begin, file = time.monotonic(), check_time_records(load(path, jobs=jobs, out=out, pool=pool), "window")
+    begin, file = time.monotonic(), load(path, jobs=jobs, out=out, pool=pool)
     study, folder = file.study, file.folder
     start = study.space.point(calibrated_values(file, folder))
     tolerances, seed = _tolerances(file, folder, tolerance or {}), study.seed if seed is None else seed

@@ -19,6 +19,8 @@ from undrawn import undrawn
 from calib.cli import main
 from calib.confidence.window.document import WINDOW_END, WindowResult, read_window
 from calib.execution.netcdf import read_dataset
+from calib.records import write
+from calib.records.response import make_response
 from calib.report.plots.window import window_figure
 from calib.study.evaluation import evaluate
 from calib.study_file import load
@@ -195,3 +197,30 @@ def test_mistakes_are_told(calibrated, arguments, told):
 
 def test_an_uncalibrated_study_is_told_so(tmp_path):
     assert "calibrate first" in calib("window", write_study(tmp_path), code=1).stderr
+
+
+def test_of_frequency_responses_the_window_is_that_of_the_distance(tmp_path):
+    """A linear oscillator: its stiffness may vary as much as shifts the resonance out of the tolerance."""
+    frequency, omega = np.linspace(2.8, 3.6, 21), 2.0 * np.pi * np.linspace(2.8, 3.6, 21)
+    record = make_response(
+        frequency, ["mass"], 0.2 / (400.0 - omega**2 + 1j * omega)[None], 0.2, "N", place="mass", quantity="force"
+    )
+    write(record, tmp_path / "response.nc")
+    (tmp_path / "study.toml").write_text(
+        '[study]\nname = "swept"\nseed = 1\nbudget = 30\n'
+        '[[record]]\nname = "response"\npath = "response.nc"\n'
+        '[model]\nsimulator = "oscillator"\nfixed = { mass = "1 kg" }\n'
+        '[windows]\nstiffness = { low = "380 N/m", high = "420 N/m" }\ndamping = { low = 0.7, high = 1.4 }\n'
+        '[[term]]\nfeature = "frequency_response"\n[optimiser]\nname = "multistart"\n'
+    )
+    calib("run", tmp_path, "-q")
+    said = calib("window", tmp_path, "--budget", BUDGET, "--tolerance", 0.03, "--exact").output
+    assert "admissible: a distance of frequency_response up to 0.03\n" in said
+    assert "over stiffness and damping: no curve (record 'response' is a frequency response" in said
+    window = read_window(tmp_path / "out")
+    assert window.mechanisms == {"misfit of frequency_response": pytest.approx(1.0, abs=0.05)}
+    study = load(tmp_path).study
+    for own in window.parameters:
+        for end in (own.alone_low, own.alone_high):
+            score = evaluate(study, {**window.calibrated, own.name: end}).score
+            assert score.cost == pytest.approx(0.03, rel=0.15)

@@ -87,6 +87,8 @@ def _followed(
 ) -> list[BifurcationCurve]:
     """Curves of the motion of the record `name` over the pair, of which the first is that of its branch."""
     reference, periods = study.objective.references[name], int(study.objective.measured_periods.get(name) or 0)
+    if reference.is_swept:
+        raise CalibError(f"record {name!r} is a frequency response, whose motions are many")
     if not reference.excitation.harmonic or not periods:
         raise CalibError(f"record {name!r} has no periodic motion under a harmonic excitation")
     i, j = pair

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from calib.confidence.window.document import WINDOW_END, ExactFaces, ParameterTolerance, WindowResult
+from calib.records.cycles import WITHOUT_KIND
 from calib.units import plain_number, shown
 
 OPEN = "open"  # an end that the box of the study's windows bounds, and not the model
@@ -21,6 +22,14 @@ def share_in_words(result: WindowResult) -> str:
         f"{percent(result.share)} of the box is admissible (95 % interval {percent(result.share_low)} to "
         f"{percent(result.share_high)})"
     )
+
+
+def admissible_in_words(result: WindowResult) -> str:
+    """Say what a point has to fulfil."""
+    distances = ", ".join(f"{label} up to {value:.3g}" for label, value in result.tolerances.items())
+    if all(kind in WITHOUT_KIND for kind in result.measured_kind.values()):
+        return f"a distance of {distances}"
+    return f"the measured kind of motion, and a distance of {distances}"
 
 
 def alone(own: ParameterTolerance) -> str:

@@ -6,7 +6,15 @@ from dataclasses import dataclass
 import xarray as xr
 
 from calib.confidence.window.document import WindowResult
-from calib.confidence.window.words import alone, bounds, mechanisms_in_words, percent, share_in_words, together
+from calib.confidence.window.words import (
+    admissible_in_words,
+    alone,
+    bounds,
+    mechanisms_in_words,
+    percent,
+    share_in_words,
+    together,
+)
 from calib.report.formatting import capitalised
 from calib.report.pages.diagnosis.conclusion import MAX_RELATIVE_CHANGE
 from calib.report.pages.picture import Picture
@@ -65,7 +73,7 @@ def window_chapter(window: WindowResult, dataset: xr.Dataset, result: Calibratio
     return WindowChapter(
         stale=stale,
         share=capitalised(share_in_words(window)),
-        admitted=", ".join(f"{label} up to {value:.3g}" for label, value in window.tolerances.items()),
+        admitted=admissible_in_words(window),
         mechanisms=mechanisms_in_words(window.mechanisms, most=len(window.mechanisms)),
         rows=tuple(ToleranceRow(own.name, alone(own), together(own), bounds(own)) for own in window.parameters),
         inside=inside,
