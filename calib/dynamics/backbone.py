@@ -8,15 +8,15 @@ folds at constant level is a curve without folds.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from calib.dynamics.arclength import Mark, OneWay, along_cubic, root, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
+from calib.dynamics.harmonic_condition import Condition, ReadHarmonic, modulus, quadrature
 from calib.dynamics.level_curve import LevelCurve
 from calib.dynamics.orbits import newton
 from calib.dynamics.response import AMPLITUDE, FREQUENCY
@@ -33,6 +33,7 @@ from calib.errors import CalibError, nearest
 
 RESONANCE_FREQUENCIES = 2000  # of the linear motion, between which its phase passes a quarter of a period
 MIN_RAMP_STEP = 1 / 64  # of an amplitude that is to be held, where a curve begins  [1]
+MAX_EXPONENT = 700.0  # of a level: beyond it is no number  [1]
 LEVEL_RANGE = 1e-3, 1e3  # of the levels of a constant response, over that of the linear one
 
 
@@ -106,7 +107,7 @@ def backbones(
         frequency = float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place]))
         try:
             begin = held.linear(frequency, levels[0]), frequency, levels[0]
-            found.append(held.followed(_quadrature, begin, vary=0, most=most))
+            found.append(held.followed(quadrature, begin, vary=0, most=most))
         except CalibError as error:
             reasons.append(f"at {frequency:.5g} Hz {error}")
     if not found:
@@ -150,6 +151,7 @@ def held_response(
     amplitude: LevelCurve,
     window: tuple[float, float],
     *,
+    read: ReadHarmonic | None = None,
     harmonics: int = 7,
     most: int = 400,
 ) -> HeldBranch:
@@ -158,6 +160,7 @@ def held_response(
     Parameters
     ----------
     amplitude : of the body's first harmonic over the frequency  [m]
+    read : first harmonic that is measured, which has this amplitude; None: that of the motion
     setting, body, window, harmonics, most : as those of `backbones`
 
     Raises
@@ -166,52 +169,20 @@ def held_response(
     """
     begin = window[0]
     size = amplitude(begin)
-    per_level = abs(_Held(setting, body, window, (0.5, 1.0), 1).per_level(begin))
+    per_level = _Held(setting, body, window, (0.5, 1.0), 1).per_level(begin)
+    per_level = abs(per_level if read is None else read(per_level, begin, 1.0))
     if per_level == 0.0:
         raise CalibError(f"the excitation does not move {body}: no level holds its amplitude")
     low, high = (share * size / per_level for share in LEVEL_RANGE)
     held = _Held(setting, body, window, (low, high), harmonics)
     try:
-        y, level = held.held_at(amplitude, begin)
-        return held.followed(_modulus(amplitude), (y, begin, level), vary=1, most=most)
+        y, level = held.held_at(amplitude, read, begin, size / per_level)
+        return held.followed(modulus(amplitude, read), (y, begin, level), vary=1, most=most)
     except CalibError as error:
         raise CalibError(
             f"{body} cannot be held at {size:g} m from {begin:g} Hz, where the curve begins: {error}; "
             "begin the window elsewhere, or lower the amplitude"
         ) from error
-
-
-class HarmonicCondition(NamedTuple):
-    """Value of a condition on the first harmonic, without a unit, and its changes.
-
-    Attributes
-    ----------
-    slope : change of the value with small changes (k,) of the first harmonic [m]
-    by_frequency : the same with the frequency, the harmonic held  [1/Hz]
-    """
-
-    value: float
-    slope: Callable[[np.ndarray], np.ndarray]
-    by_frequency: float = 0.0
-
-
-Condition = Callable[[complex, float], HarmonicCondition]  # of the first harmonic [m] and the frequency [Hz]
-
-
-def _quadrature(first: complex, frequency: float) -> HarmonicCondition:
-    """Cosine of the angle by which the first harmonic lags."""
-    size = abs(first) or 1.0
-    return HarmonicCondition(first.real / size, lambda change: (change / first).imag * -first.imag / size)
-
-
-def _modulus(amplitude: LevelCurve, share: float = 1.0) -> Condition:
-    """Logarithm of the modulus over a share of the amplitude that is held."""
-
-    def condition(first: complex, frequency: float) -> HarmonicCondition:
-        value = math.log(abs(first) / (share * amplitude(frequency))) if first else -math.inf
-        return HarmonicCondition(value, lambda change: (change / first).real, -amplitude.logarithmic_slope(frequency))
-
-    return condition
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +205,8 @@ class _HeldCurve:
     def unpacked(self, z: np.ndarray) -> tuple[np.ndarray, float, float]:
         """Coefficients, frequency [Hz] and level."""
         (low, high), (least, largest) = self.held.window, self.held.levels
-        level = math.exp((1.0 - z[-1]) * math.log(least) + z[-1] * math.log(largest))
+        exponent = (1.0 - z[-1]) * math.log(least) + z[-1] * math.log(largest)
+        level = math.exp(exponent) if exponent < MAX_EXPONENT else math.inf
         frequency = float((1.0 - z[-2]) * low + z[-2] * high)
         return self.scale * z[:-2].reshape(-1, self.held.balance.size), frequency, level
 
@@ -259,7 +231,7 @@ class _HeldCurve:
         """What is left of the balance, and of the condition (d - 1,)."""
         y, frequency, level = self.unpacked(z)
         left = self.held.balance.residual(y, 2.0 * math.pi * frequency, self.held.drive(level)).ravel() / self._units
-        condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency)
+        condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency, level)
         return np.append(left, self._weight * condition.value)
 
     def derivative(self, z: np.ndarray) -> np.ndarray:
@@ -273,9 +245,10 @@ class _HeldCurve:
         )
         row, of_drive = self.held.first_harmonic_row
         change = np.concatenate([self.scale * row, [0.0, by_level * of_drive]])
-        condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency)
+        condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency, level)
         slope = condition.slope(change)
         slope[-2] += (high - low) * condition.by_frequency
+        slope[-1] += level * math.log(largest / least) * condition.by_level
         return np.vstack([balance / self._units[:, None], self._weight * slope])
 
     def start(self, y: np.ndarray, frequency: float, level: float, vary: int) -> SeriesMotion | None:
@@ -375,19 +348,22 @@ class _Held:
         level = self.levels[1]
         return self.first_harmonic(self.linear(frequency, level), frequency, level) / level
 
-    def held_at(self, amplitude: LevelCurve, frequency: float) -> tuple[np.ndarray, float]:
+    def held_at(
+        self, amplitude: LevelCurve, read: ReadHarmonic | None, frequency: float, level: float
+    ) -> tuple[np.ndarray, float]:
         """Coefficients and level of the motion at an amplitude: at once, or by steps from a small one.
+
+        level : of the linear motion at this amplitude
 
         Raises
         ------
         CalibError : Newton's method finds none
         """
-        level = amplitude(frequency) / abs(self.per_level(frequency))
         y, reached, step = self.linear(frequency, level), 0.0, 1.0
         while reached < 1.0:
             share = min(1.0, reached + step)
             growth = share / (reached or 1.0)
-            curve = _HeldCurve(self, _modulus(amplitude, share), float(np.abs(y).max()) or 1.0, level)
+            curve = _HeldCurve(self, modulus(amplitude, read, share), float(np.abs(y).max()) or 1.0, level)
             found = curve.start(growth * y, frequency, growth * level, vary=1)
             if found is not None:
                 y, _, level = curve.unpacked(found.z)

@@ -6,14 +6,16 @@ the sweep nor where it began matters (Renson et al., J. Sound Vib. 367 (2016) 14
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from calib.dynamics.arclength import EDGE_ROUNDING, MAX_ARCLENGTH_STEP
 from calib.dynamics.backbone import HeldBranch, held_response
+from calib.dynamics.harmonic_condition import ReadHarmonic
 from calib.dynamics.level_curve import LevelCurve
 from calib.dynamics.response import AMPLITUDE
 from calib.dynamics.setting import Setting
@@ -22,8 +24,7 @@ from calib.dynamics.swept_series import MAX_LEFT_OUT, MAX_STRETCH_LENGTH, SERIES
 from calib.errors import CalibError
 from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, make_response, sweeps
 
-MAX_HELD_ROUNDS = 4  # of the amplitude of a body for that which is measured of it
-HELD_TOLERANCE = 1e-3  # of the measured amplitude, from the one that was held  [1]
+LINEARITY_TOLERANCE = 1e-9  # of what is measured, over its size: rounding  [1]
 
 
 class HeldSweep(NamedTuple):
@@ -53,55 +54,57 @@ def held_sweeps(setting: Setting, measured: xr.Dataset) -> Iterator[HeldSweep]:
     for sweep, points in sweeps(measured):
         frequency, amplitude = (measured[name].values[points] for name in ("frequency", HELD_AMPLITUDE))
         stops = stops_of(frequency, 1.0)
-        branch = _held(setting, body, LevelCurve(frequency, amplitude), (float(stops[0]), float(stops[-1])))
+        read = _read(setting, body, stops, float(amplitude[0]))
+        window = float(stops[0]), float(stops[-1])
+        branch = _described(setting, body, LevelCurve(frequency, amplitude), window, read)
         whole = float(branch.frequency[-1]) >= float(stops[-1]) * (1.0 - EDGE_ROUNDING)
         yield HeldSweep(sweep, float(measured["direction"][points[0]]), branch, whole)
 
 
-def _held(setting: Setting, body: str, wanted: LevelCurve, window: tuple[float, float]) -> HeldBranch:
-    """Curve on which the amplitude that is measured of the body is the wanted one.
-
-    The body's own amplitude is that over the ratio of the two, which is found anew on each curve.
-    """
-    choices: Sequence[int] = SERIES_HARMONICS
-    target, before = wanted, math.inf
-    for _ in range(MAX_HELD_ROUNDS):
-        branch, choices = _described(setting, body, target, window, choices)
-        read = branch.amplitude * _as_measured(setting, branch)
-        excess = read / np.array([wanted(own) for own in branch.frequency.tolist()])
-        apart = float(np.abs(excess - 1.0).max())
-        if apart <= HELD_TOLERANCE:
+def _described(
+    setting: Setting, body: str, amplitude: LevelCurve, window: tuple[float, float], read: ReadHarmonic | None
+) -> HeldBranch:
+    """Curve of as many harmonics as the motions need, at most the most of `SERIES_HARMONICS`."""
+    most = math.ceil(MAX_STRETCH_LENGTH / MAX_ARCLENGTH_STEP)
+    for harmonics in SERIES_HARMONICS:
+        branch = held_response(setting, body, amplitude, window, read=read, harmonics=harmonics, most=most)
+        if branch.left_out.max() <= MAX_LEFT_OUT:
             break
-        if apart > before:
-            raise CalibError(
-                f"what is measured of {body} cannot be held at a set amplitude from {window[0]:g} to {window[1]:g} Hz: "
-                f"it departs by {apart:.2g} of it; effects on what is measured are as large as the motion"
-            )
-        target, before = LevelCurve(branch.frequency, branch.amplitude / excess), apart
     return branch
 
 
-def _described(
-    setting: Setting, body: str, target: LevelCurve, window: tuple[float, float], choices: Sequence[int]
-) -> tuple[HeldBranch, Sequence[int]]:
-    """Curve of as many harmonics as the motions need, and the choices from there on.
+def _read(setting: Setting, body: str, frequency: np.ndarray, amplitude: float) -> ReadHarmonic | None:
+    """First harmonic that is measured of a body at frequencies (n,) [Hz]; None where it is that of the motion.
 
-    choices : numbers of harmonics, of which the last is taken where none suffices
+    amplitude : of the motions by which it is found  [m]
+
+    Raises
+    ------
+    CalibError : it is not linear in motion and level, as where an effect on what is measured saturates
     """
-    most = math.ceil(MAX_STRETCH_LENGTH / MAX_ARCLENGTH_STEP)
-    for harmonics in choices:
-        branch = held_response(setting, body, target, window, harmonics=harmonics, most=most)
-        if branch.left_out.max() <= MAX_LEFT_OUT:
-            break
-    return branch, [more for more in choices if more >= harmonics]
+    level = setting.excitation.amplitude or 1.0
+    motion, other, further = (
+        _measured_of(setting, body, frequency, *own)
+        for own in ((amplitude, level), (amplitude, 2.0 * level), (2.0j * amplitude, level))
+    )
+    if np.array_equal(motion, np.full(frequency.size, amplitude + 0.0j)) and np.array_equal(motion, other):
+        return None
+    by_level, by_motion = (other - motion) / level, (further - motion) / ((2.0j - 1.0) * amplitude)
+    left = motion - by_motion * amplitude - by_level * level
+    if np.abs(left).max() > LINEARITY_TOLERANCE * np.abs(motion).max():
+        raise CalibError(
+            f"what effects have measured of {body} is not linear in motion and level, so that no simulation holds its "
+            "amplitude; leave the effect out, or the key held"
+        )
+    return ReadHarmonic(CubicSpline(frequency, by_motion), CubicSpline(frequency, by_level))
 
 
-def _as_measured(setting: Setting, branch: HeldBranch) -> np.ndarray:
-    """Amplitude (m,) of the body as effects at the site "response" have it measured, over its own  [1]."""
-    row, own = branch.bodies.index(branch.body), branch.harmonics[:, 1]
+def _measured_of(setting: Setting, body: str, frequency: np.ndarray, amplitude: complex, level: float) -> np.ndarray:
+    """Complex amplitudes (n,) that effects at the site "response" have measured of motions at a level  [m]."""
+    bodies = setting.model.bodies
     record = make_response(
-        branch.frequency, branch.bodies, own, branch.level, setting.unit(AMPLITUDE),
+        frequency, bodies, np.full((len(bodies), frequency.size), amplitude), level, setting.unit(AMPLITUDE),
         place=setting.excitation.place, quantity=setting.excitation.quantity,
     )  # fmt: skip
-    read = complex_amplitude(setting.model.measured_response(record, setting.values))
-    return np.asarray(np.abs(read[row] / own[row]))
+    measured = setting.model.measured_response(record, setting.values)
+    return complex_amplitude(measured)[list(bodies).index(body)]

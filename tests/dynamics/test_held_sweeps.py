@@ -88,7 +88,7 @@ def test_what_is_held_is_what_is_measured(effect, own):
     assert found.attrs["status"] == "ok"
     (stretch,) = motions(model, values, record).stretches
     read = np.abs(complex_amplitude(found))[0] * stretch.level / record.level.values[0]
-    np.testing.assert_allclose(read, 12e-3, rtol=1e-3)
+    np.testing.assert_allclose(read, 12e-3, rtol=1e-6)
 
 
 def test_a_joint_that_slides_is_held_too():
