@@ -120,7 +120,7 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
         for line in _design(diagnosis):
             console.print(escape(line), soft_wrap=True)
     if diagnosis.verdict == UNEXPLAINED:
-        hint = "calib discover looks for a force that no effect has, as a free function, in records over time"
+        hint = "calib discover looks for a force that no effect has, as a free function"
         console.print(hint, soft_wrap=True)
     console.print(f"{count(diagnosis.simulations, 'simulation')} in {diagnosis.seconds:.1f} s")
     console.print(f"files:  {escape(str(folder))}/ (diagnosis.json, diagnosis.nc, report.html)", soft_wrap=True)

@@ -35,7 +35,7 @@ REFINE = (
 
 DISCOVER_REST = (
     "What the extended model leaves may be a force that no effect has: calibrate it (calib run); calib discover then "
-    "looks, in records over time, for that force as a free function beside the effects that were named."
+    "looks for that force as a free function beside the effects that were named."
 )
 
 
@@ -109,7 +109,7 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
         )
     if diagnosis.verdict == UNEXPLAINED:
         own = (
-            "calib discover looks, in records over time, for the missing force, as a free function on each body; "
+            "calib discover looks for the missing force, as a free function on each body; "
             "an effect that is no candidate yet is added as one file (calib new effect)."
         )
         if not takes_laws:
