@@ -14,7 +14,7 @@ from calib.modelling.model import Model
 from calib.objective import Reference
 from calib.records import STATE
 from calib.records.excitation import Excitation
-from calib.records.held_response import as_measured
+from calib.records.held_response import as_measured, is_held
 from calib.records.response import sweeps
 
 STEADY_TONE, SWEEP, RECORDED_INPUT = "steady tone", "sweep", "recorded input"
@@ -328,9 +328,13 @@ def _levels(laboratory: Laboratory, references: Mapping[str, Reference], base: R
 
 
 def largest_levels(response: xr.Dataset) -> list[float]:
-    """Largest level of the excitation in each sweep  [its unit]."""
+    """Largest level of the excitation in each sweep  [its unit]; the least one where an amplitude was held.
+
+    That is the level of the resonance: the others, set there, would drive the body far beyond the amplitude.
+    """
     level = as_measured(response)["level"].values
-    return [float(level[points].max()) for _, points in sweeps(response)]
+    end = np.min if is_held(response) else np.max
+    return [float(end(level[points])) for _, points in sweeps(response)]
 
 
 def alike(references: Mapping[str, Reference], base: Reference) -> dict[str, Reference]:

@@ -34,7 +34,8 @@ from calib.errors import CalibError, nearest
 RESONANCE_FREQUENCIES = 2000  # of the linear motion, between which its phase passes a quarter of a period
 MIN_RAMP_STEP = 1 / 64  # of an amplitude that is to be held, where a curve begins  [1]
 MAX_EXPONENT = 700.0  # of a level: beyond it is no number  [1]
-LEVEL_RANGE = 1e-3, 1e3  # of the levels of a constant response, over that of the linear one
+LEVEL_RANGE = 1e-3, 1e3  # of the levels of a constant response, over the least and largest of the linear one
+LEVEL_FREQUENCIES = 200  # of a window, at which those are asked for  [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,21 +169,39 @@ def held_response(
     CalibError : as `backbones`, or an amplitude that cannot be held where the window begins
     """
     begin = window[0]
-    size = amplitude(begin)
-    per_level = _Held(setting, body, window, (0.5, 1.0), 1).per_level(begin)
-    per_level = abs(per_level if read is None else read(per_level, begin, 1.0))
-    if per_level == 0.0:
-        raise CalibError(f"the excitation does not move {body}: no level holds its amplitude")
-    low, high = (share * size / per_level for share in LEVEL_RANGE)
-    held = _Held(setting, body, window, (low, high), harmonics)
+    size, linear = amplitude(begin), _linear_levels(setting, body, amplitude, window, read)
+    levels = LEVEL_RANGE[0] * linear.min(), LEVEL_RANGE[1] * linear.max()
+    held = _Held(setting, body, window, levels, harmonics)
     try:
-        y, level = held.held_at(amplitude, read, begin, size / per_level)
+        y, level = held.held_at(amplitude, read, begin, float(linear[0]))
         return held.followed(modulus(amplitude, read), (y, begin, level), vary=1, most=most)
     except CalibError as error:
         raise CalibError(
             f"{body} cannot be held at {size:g} m from {begin:g} Hz, where the curve begins: {error}; "
             "begin the window elsewhere, or lower the amplitude"
         ) from error
+
+
+def _linear_levels(
+    setting: Setting, body: str, amplitude: LevelCurve, window: tuple[float, float], read: ReadHarmonic | None
+) -> np.ndarray:
+    """Levels that hold the linear motion at an amplitude: over a window, at resonances in it, and at its begin first.
+
+    Raises
+    ------
+    CalibError : the excitation does not move the body
+    """
+    held = _Held(setting, body, window, (0.5, 1.0), 1)
+    resonances = np.sqrt(held.balance.system.stiffness) / (2.0 * math.pi)
+    inside = resonances[(resonances > window[0]) & (resonances < window[1])]
+    found = []
+    for frequency in [*np.linspace(*window, LEVEL_FREQUENCIES).tolist(), *inside.tolist()]:
+        moved = held.per_level(frequency)
+        found.append(amplitude(frequency) / (abs(moved if read is None else read(moved, frequency, 1.0)) or math.inf))
+    levels = np.array(found)
+    if not (levels > 0.0).any():
+        raise CalibError(f"the excitation does not move {body}: no level holds its amplitude")
+    return levels[levels > 0.0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +334,10 @@ class _Held:
             raise CalibError(f"no body {body!r}{nearest(body, bodies)}; there are {', '.join(bodies)}")
         self.balance = HarmonicBalance(modal_system(setting, window[0], levels[1]), harmonics)
         if self.balance.system.distortion is not None:
-            raise CalibError("a backbone is of a drive without harmonics; leave out the effects on the excitation")
+            raise CalibError(
+                "the drive has harmonics, beside which neither a phase nor an amplitude is held; leave out the effects "
+                "on the excitation"
+            )
         self.body, self.bodies, self.window, self.levels = body, tuple(bodies), window, levels
         self.unit = setting.unit(AMPLITUDE)
         self.per_unit = self.balance.system.amplitude / levels[1]

@@ -5,7 +5,6 @@ level may have several motions, stable ones and others: at a held amplitude it h
 the sweep nor where it began matters (Renson et al., J. Sound Vib. 367 (2016) 145).
 """
 
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -13,30 +12,27 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from calib.dynamics.arclength import EDGE_ROUNDING, MAX_ARCLENGTH_STEP
 from calib.dynamics.backbone import HeldBranch, held_response
 from calib.dynamics.harmonic_condition import ReadHarmonic
-from calib.dynamics.level_curve import LevelCurve
+from calib.dynamics.level_curve import HeldAmplitude, LevelCurve
 from calib.dynamics.response import AMPLITUDE
 from calib.dynamics.setting import Setting
 from calib.dynamics.swept_paths import stops_of
-from calib.dynamics.swept_series import MAX_LEFT_OUT, MAX_STRETCH_LENGTH, SERIES_HARMONICS
+from calib.dynamics.swept_series import MAX_LEFT_OUT, SERIES_HARMONICS
 from calib.errors import CalibError
 from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, make_response, sweeps
 
+MAX_HELD_POINTS = 2000  # of one curve  [count]
+READ_FREQUENCIES = 400  # of a window, at which is asked what is measured of a motion  [count]
 LINEARITY_TOLERANCE = 1e-9  # of what is measured, over its size: rounding  [1]
 
 
 class HeldSweep(NamedTuple):
-    """Motions of one sweep: its number, its direction, and the curve that it is on, upwards.
-
-    whole : whether the curve reaches the end of the sweep's window
-    """
+    """Motions of one sweep: its number, its direction, and the curve that it is on, upwards."""
 
     sweep: float
     direction: float
     branch: HeldBranch
-    whole: bool
 
 
 def held_sweeps(setting: Setting, measured: xr.Dataset) -> Iterator[HeldSweep]:
@@ -51,23 +47,26 @@ def held_sweeps(setting: Setting, measured: xr.Dataset) -> Iterator[HeldSweep]:
     CalibError : a simulator that harmonic balance does not serve, or an amplitude that cannot be held
     """
     body = str(measured.attrs[HELD])
+    if body not in setting.model.bodies:
+        raise CalibError(f"no body {body!r}, whose amplitude was held; there are {', '.join(setting.model.bodies)}")
     for sweep, points in sweeps(measured):
         frequency, amplitude = (measured[name].values[points] for name in ("frequency", HELD_AMPLITUDE))
         stops = stops_of(frequency, 1.0)
-        read = _read(setting, body, stops, float(amplitude[0]))
         window = float(stops[0]), float(stops[-1])
-        branch = _described(setting, body, LevelCurve(frequency, amplitude), window, read)
-        whole = float(branch.frequency[-1]) >= float(stops[-1]) * (1.0 - EDGE_ROUNDING)
-        yield HeldSweep(sweep, float(measured["direction"][points[0]]), branch, whole)
+        read = _read(setting, body, np.linspace(*window, READ_FREQUENCIES), float(amplitude[0]))
+        branch = _described(setting, body, HeldAmplitude(frequency, amplitude), window, read)
+        reached = float(branch.frequency.max())
+        if reached < frequency.max():
+            raise CalibError(f"{body} is not held beyond {reached:g} Hz: {branch.end}")
+        yield HeldSweep(sweep, float(measured["direction"][points[0]]), branch)
 
 
 def _described(
     setting: Setting, body: str, amplitude: LevelCurve, window: tuple[float, float], read: ReadHarmonic | None
 ) -> HeldBranch:
     """Curve of as many harmonics as the motions need, at most the most of `SERIES_HARMONICS`."""
-    most = math.ceil(MAX_STRETCH_LENGTH / MAX_ARCLENGTH_STEP)
     for harmonics in SERIES_HARMONICS:
-        branch = held_response(setting, body, amplitude, window, read=read, harmonics=harmonics, most=most)
+        branch = held_response(setting, body, amplitude, window, read=read, harmonics=harmonics, most=MAX_HELD_POINTS)
         if branch.left_out.max() <= MAX_LEFT_OUT:
             break
     return branch

@@ -4,8 +4,10 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import PchipInterpolator, make_smoothing_spline
 
+MIN_SMOOTHED_READINGS = 5  # of an amplitude that was held [count]; fewer are taken as they are
+POWERS_BEYOND = -4.0, 2.0  # of the frequency, beyond the ends of a held amplitude: acceleration has -2  [1]
 SAME_LEVEL = 1e-12  # relative difference of levels, by rounding  [1]
 
 
@@ -26,8 +28,7 @@ class LevelCurve:
     """
 
     def __init__(self, frequency: np.ndarray, level: np.ndarray) -> None:
-        known, place = np.unique(frequency, return_inverse=True)
-        values = np.log(np.bincount(place, weights=level) / np.bincount(place))
+        known, values = _means(frequency, level)
         self.constant: float | None = None
         # the equations at one frequency are asked for several times, one after the other
         self._near = lru_cache(maxsize=8)(self._logarithm)
@@ -50,3 +51,38 @@ class LevelCurve:
         inside = min(max(frequency, self._low), self._high)
         slope = float(self._slope(inside))
         return math.exp(float(self._curve(inside)) + slope * (frequency - inside)), slope
+
+
+class HeldAmplitude(LevelCurve):
+    """The amplitude at which a controller held a body over the frequency: readings of it without their noise.
+
+    The logarithm over that of the frequency is a smoothing spline by generalised cross-validation (Wahba, Spline Models
+    for Observational Data, 1990, chapter 4), of which a constant displacement, velocity or acceleration is the
+    smoothest. Beyond the ends it goes on with its slope there, as far as readings that drift may have it.
+
+    frequency, level : (n,) readings  [Hz], [m]
+    """
+
+    def __init__(self, frequency: np.ndarray, level: np.ndarray) -> None:
+        super().__init__(frequency, level)
+        if self.constant is not None:
+            return
+        known, values = _means(frequency, level)
+        if known.size >= MIN_SMOOTHED_READINGS:
+            smooth = make_smoothing_spline(np.log(known), values)
+            self._curve = PchipInterpolator(known, smooth(np.log(known)))
+            self._slope = self._curve.derivative()
+
+    def _logarithm(self, frequency: float) -> tuple[float, float]:
+        inside = min(max(frequency, self._low), self._high)
+        value, slope = float(self._curve(inside)), float(self._slope(inside))
+        if inside == frequency:
+            return math.exp(value), slope
+        power = min(max(slope * inside, POWERS_BEYOND[0]), POWERS_BEYOND[1])
+        return math.exp(value + power / inside * (frequency - inside)), power / inside
+
+
+def _means(frequency: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (k,) that differ, and the logarithm of the mean level at each."""
+    known, place = np.unique(frequency, return_inverse=True)
+    return known, np.log(np.bincount(place, weights=level) / np.bincount(place))

@@ -113,14 +113,13 @@ def swept_motions(
 
 
 def _at_held_amplitude(setting: Setting, bodies: tuple[str, ...], measured: xr.Dataset, highest: int) -> SweptMotions:
-    stretches, ends = list[Stretch](), list[str]()
+    stretches = list[Stretch]()
     try:
-        for sweep, direction, branch, whole in held_sweeps(setting, measured):
+        for sweep, direction, branch in held_sweeps(setting, measured):
             way = slice(None, None, int(direction))
             harmonics = np.moveaxis(branch.harmonics[:, : highest + 1], -1, 0)
             stretches.append(Stretch(sweep, direction, branch.frequency[way], branch.level[way], harmonics[way]))
-            ends += [] if whole else [f"sweep {sweep:g}: {branch.end}"]
     except CalibError as error:
         number = sweeps(measured)[len(stretches)][0]
         return SweptMotions(bodies, failure=(NOT_HELD, f"sweep {number:g}: {error}"))
-    return SweptMotions(bodies, tuple(stretches), tuple(ends))
+    return SweptMotions(bodies, tuple(stretches))

@@ -14,6 +14,7 @@ from calib.objective.stable_stretches import StableStretch, stable_stretches
 from calib.objective.terms import Reference, Term
 from calib.records import OK
 from calib.records.cycles import SWEPT, MotionKind
+from calib.records.held_response import is_held
 from calib.records.response import PARTS, complex_amplitude, has_phase, sweeps, tolerances
 
 SAMPLES_PER_INTERVAL = 16  # of the curve between two of its points, where the nearest one is sought
@@ -148,7 +149,7 @@ class PreparedResponse:
                 float(np.hypot(part / np.sqrt(6.0), sigma))
                 for part, sigma in ((step, self._frequency_sigma[top]), (change, self._sigma[row, top]))
             )
-            label = "largest amplitude in sweep"
+            label = "largest amplitude at one level in sweep" if is_held(self.record) else "largest amplitude in sweep"
             peaks[f"{label} {sweep:g}"] = Scalar(float(own[top]), "m", resolution=level)
             peaks[f"frequency of the {label} {sweep:g}"] = Scalar(float(frequency[top]), "Hz", resolution=known)
         return peaks

@@ -3,10 +3,10 @@
 A controller holds the amplitude of a body while the frequency is stepped, and what is measured is the level that takes.
 Where a resonance would fold at a set level, all of its motions are met this way, also those that are unstable there.
 
-The record states H, the complex amplitude, at one level of each sweep: that which was measured, times the level of the
-sweep over the level of the point. So it is the response of the linear system that moves as the body does at the
-amplitude that was held, and may be drawn, compared and weighed as any other. Nothing is lost: the level of a point was
-that of the sweep, times `held_amplitude` over |H| of the body (`as_measured`).
+The record states H, the complex amplitude, at one level of each sweep, in proportion to what was held: that which was
+measured, times the level of the sweep over the level of the point. So it is the response of the linear system that
+moves as the body does at the amplitude that was held, and may be drawn, compared and weighed as any other. Nothing is
+lost: the level of a point was that of the sweep, times `held_amplitude` over |H| of the body (`as_measured`).
 """
 
 import numpy as np
@@ -24,10 +24,11 @@ def is_held(record: xr.Dataset) -> bool:
 
 
 def at_one_level(record: xr.Dataset, body: str) -> xr.Dataset:
-    """Put a response whose controller held the amplitude of `body` at one level a sweep, the median.
+    """Put a response whose controller held the amplitude of `body` at one level a sweep.
 
-    Standard uncertainties of amplitudes are multiplied likewise: in proportion to the amplitude that was held they are
-    those of the level in proportion to the level.
+    Levels of sweeps are in proportion to the displacement, velocity or acceleration that was held, by the median ratio
+    of the level to it, so that sweeps at one amplitude are at one level. Standard uncertainties of amplitudes are
+    multiplied likewise: in proportion to the amplitude that was held they are those of the level in proportion to it.
 
     Parameters
     ----------
@@ -41,16 +42,21 @@ def at_one_level(record: xr.Dataset, body: str) -> xr.Dataset:
         return record
     bodies = [str(own) for own in record.body.values]
     if body not in bodies:
-        raise CalibError(f"held: no body {body!r}{nearest(body, bodies)}; the response is of {', '.join(bodies)}")
+        raise CalibError(
+            f"held names the body whose amplitude was held: no body {body!r}{nearest(body, bodies)}; the response is "
+            f"of {', '.join(bodies)}"
+        )
     measured = complex_amplitude(record)
     held = np.abs(measured[bodies.index(body)])
     if not (held > 0.0).all():
         at = float(record["frequency"].values[np.argmin(held > 0.0)])
         raise CalibError(f"held: {body} does not move at {at:g} Hz, so that its amplitude cannot have been held there")
-    levels = record["level"].values
+    levels, omega = record["level"].values, 2.0 * np.pi * record["frequency"].values
+    kinds = held * omega ** np.arange(3)[:, None]  # displacement, velocity, acceleration
+    kept = kinds[int(np.argmin(np.sum([_variation(kinds[:, points]) for _, points in sweeps(record)], axis=0)))]
     level = np.empty_like(levels)
     for _, points in sweeps(record):
-        level[points] = np.median(levels[points])
+        level[points] = np.median(levels / kept) * np.median(kept[points])
     factor = level / levels
     unit = {"units": record["level"].attrs["units"]}
     scaled = with_amplitude(record, measured * factor).assign(
@@ -87,8 +93,12 @@ def unsteady(record: xr.Dataset) -> list[tuple[float, float]]:
     """
     omega, found = 2.0 * np.pi * record["frequency"].values, []
     for sweep, points in sweeps(record):
-        motions = record[HELD_AMPLITUDE].values[points] * omega[points] ** np.arange(3)[:, None]
-        varies = float((np.std(motions, axis=1) / np.mean(motions, axis=1)).min())
+        varies = float(_variation(record[HELD_AMPLITUDE].values[points] * omega[points] ** np.arange(3)[:, None]).min())
         if varies > MAX_UNSTEADINESS:
             found.append((sweep, varies))
     return found
+
+
+def _variation(values: np.ndarray) -> np.ndarray:
+    """Standard deviation over the mean (k,) of rows (k, n)  [1]."""
+    return np.asarray(np.std(values, axis=1) / np.mean(values, axis=1))

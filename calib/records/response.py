@@ -141,6 +141,8 @@ def check_response(record: xr.Dataset, name: str) -> xr.Dataset:
     for variable in ("frequency", "level", *(one for one in OPTIONAL_DIMS if one in record)):
         if not (record[variable].values > 0.0).all():
             raise CalibError(f"{name}: {variable} is expected above 0 at every point; mend or leave out those points")
+    if HELD_AMPLITUDE in record and record.attrs.get(HELD) not in record.body.values.tolist():
+        raise CalibError(f"{name}: {HELD_AMPLITUDE} is of a body that the attribute {HELD!r} names among its bodies")
     if not np.isin(record.direction.values, (-1.0, 1.0)).all():
         raise CalibError(f"{name}: direction is 1 (up) or -1 (down) at every point")
     for number, points in sweeps(record):

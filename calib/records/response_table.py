@@ -28,7 +28,7 @@ from calib.records.sheet_file import elements, read_sheet
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv")
 HEADING = re.compile(r"^\s*(?P<what>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]+)\]|\((?P<round>[^\[\]()]+)\))?\s*$")
 FREQUENCY_HEADING = re.compile(r"(^|[,;\t\"])\s*frequency\s*[\[(]", re.IGNORECASE)  # in a header
-ATTRIBUTE = re.compile(r"^#\s*(?P<key>place|quantity|source|held)\s*[:=]\s*(?P<value>.+?)\s*$")
+ATTRIBUTE = re.compile(r"^#\s*(?P<key>(?i:place|quantity|source|held))\s*[:=]\s*(?P<value>.+?)\s*$")
 WITHOUT_UNIT = ("sweep", "direction")
 COMMON = ("frequency", "frequency sigma", "level", *WITHOUT_UNIT)
 PHASE_OF = re.compile(rf"^(?P<what>.* {PHASE}) of (?P<of>\w+)$", re.IGNORECASE)  # such as 'mass phase of displacement'
@@ -193,5 +193,5 @@ def _attributes(content: bytes, path: Path) -> dict[str, str]:
     for line in content.decode("utf-8", errors="replace").splitlines():
         match = ATTRIBUTE.match(line)
         if match:
-            found[match["key"]] = match["value"]
+            found[match["key"].lower()] = match["value"]
     return found

@@ -64,17 +64,17 @@ def _reference(
             record, excitation = stated_record(entry.table, entry.excitation, drive, file, key, mistakes)
     if record is None:
         return None
+    if entry.bodies is not None:
+        with mistakes.at(*key, "bodies"):
+            record = rename_bodies(record, entry.bodies, entry.name)
+    with mistakes.at(*key, "excitation", "held"):
+        record = _held(record, entry.excitation)
     with mistakes.at(*key, "excitation"):
         if excitation is None:
             of = _response_excitation if is_response(record) else _excitation
             excitation = of(entry.excitation, record)
         elif entry.excitation is not None and entry.excitation.frequency is not None:  # a recorded input with a period
             excitation = replace(excitation, frequency=to_si(entry.excitation.frequency, "Hz"))
-    if entry.bodies is not None:
-        with mistakes.at(*key, "bodies"):
-            record = rename_bodies(record, entry.bodies, entry.name)
-    with mistakes.at(*key, "excitation", "held"):
-        record = _held(record, entry.excitation)
     if model is not None:
         with mistakes.at(*key, "bodies"):
             _check_bodies(record, model, mistakes.from_python)

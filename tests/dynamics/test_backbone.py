@@ -85,7 +85,7 @@ def test_a_backbone_that_makes_no_sense_is_refused(arguments, said):
 
 def test_a_backbone_of_a_distorted_drive_is_refused():
     distorted = Setting(DUFFING.model.extended(DRIVE_HARMONIC_2), DUFFING.excitation, {**DUFFING.values, "h2_cos": 0.1})
-    with pytest.raises(CalibError, match="a backbone is of a drive without harmonics"):
+    with pytest.raises(CalibError, match="the drive has harmonics"):
         backbones(distorted, "mass", (1e-2, 1.0), (2.5, 4.5))
 
 

@@ -1,5 +1,7 @@
 """Sweeps at a held amplitude: against a closed form and another integrator, and as a calibration meets them."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -12,7 +14,9 @@ from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.effects.presliding import EFFECT as PRESLIDING
 from calib.effects.residual_compliance import EFFECT as RESIDUAL_COMPLIANCE
 from calib.effects.response_lag import EFFECT as RESPONSE_LAG
+from calib.features.frequency_response import ResponseDistance
 from calib.modelling.model import Model
+from calib.objective import Objective, Reference, Term
 from calib.records.excitation import Excitation
 from calib.records.held_response import at_one_level
 from calib.records.response import complex_amplitude, make_response
@@ -65,7 +69,6 @@ def test_some_of_these_are_unstable_at_a_set_level_and_none_at_a_small_amplitude
     for amplitude, all_stable in ((5e-3, True), (12e-3, False), (20e-3, False)):
         setting = Setting(Model(Oscillator(), [CUBIC_STIFFNESS]), FORCE, {**VALUES, "k3": K3})
         (sweep,) = held_sweeps(setting, held(amplitude))
-        assert sweep.whole
         assert sweep.branch.stable.all() == all_stable
 
 
@@ -76,6 +79,8 @@ def test_an_amplitude_that_follows_the_frequency_is_held_point_by_point():
     inside = (stretch.frequency >= 2.8) & (stretch.frequency <= 4.4)
     wanted = 10e-3 * (2.8 / stretch.frequency[inside]) ** 2
     np.testing.assert_allclose(np.abs(stretch.harmonics[inside, 0, 1]), wanted, rtol=2e-3)  # of a curve through points
+    beyond = 10e-3 * (2.8 / stretch.frequency[~inside]) ** 2
+    np.testing.assert_allclose(np.abs(stretch.harmonics[~inside, 0, 1]), beyond, rtol=1e-2)
 
 
 @pytest.mark.parametrize(
@@ -126,5 +131,35 @@ def test_beyond_a_rigid_stop_nothing_can_be_held_and_the_simulation_says_where()
     assert beyond.attrs["status"] == NOT_HELD
     assert beyond.attrs["reason"].startswith("sweep 0: mass cannot be held at 0.006 m from 2.72 Hz")
     rising = swept_response(model, values, FORCE, held(np.linspace(4e-3, 6e-3, 17)))
-    assert rising.attrs["status"] == "ok"
-    assert "sweep 0: " in rising.attrs["jumps"]
+    assert rising.attrs["status"] == NOT_HELD
+    assert re.match("sweep 0: mass is not held beyond 3.[0-9]+ Hz: ", rising.attrs["reason"])
+
+
+@pytest.mark.parametrize(("low", "high", "ratio"), [(10.0, 500.0, 0.01), (50.0, 150.0, 0.001), (20.0, 2000.0, 0.01)])
+def test_a_wide_window_with_a_sharp_resonance_is_swept_to_its_end(low, high, ratio):
+    omega = 2.0 * np.pi * 100.0
+    values = {"mass": 1.0, "damping": 2.0 * ratio * omega, "stiffness": omega**2}
+    frequency = np.sort(np.append(np.geomspace(low, high, 40), 100.0 * (1.0 + ratio * np.linspace(-5.0, 5.0, 21))))
+    own = (2.0 * np.pi * frequency) ** 2
+    force = omega**2 - own + 2j * ratio * omega * np.sqrt(own)
+    raw = make_response(
+        frequency, ["mass"], (1.0 / own * np.exp(-1j * np.angle(force)))[None], np.abs(force) / own, "N"
+    )
+    record = at_one_level(raw, "mass")
+    found = swept_response(Model(Oscillator()), values, FORCE, record)
+    assert found.attrs["status"] == "ok"
+    reference = Reference("wide", record, excitation=FORCE)
+    assert Objective({"wide": reference}, [Term(ResponseDistance())])({"wide": found}).cost < 0.01
+
+
+def test_the_noise_of_readings_of_the_amplitude_is_not_followed():
+    frequency = np.linspace(2.8, 4.4, 200)
+    rng = np.random.default_rng(3)
+    omega = 2.0 * np.pi * frequency
+    size = 2e-3 * (1.0 + 0.01 * rng.standard_normal(200))
+    force = 2e-3 * (400.0 - omega**2 + 1j * omega)
+    raw = make_response(frequency, ["mass"], (size * np.exp(-1j * np.angle(force)))[None], np.abs(force), "N")
+    record = at_one_level(raw, "mass")
+    (stretch,) = motions(Model(Oscillator()), VALUES, record).stretches
+    np.testing.assert_allclose(np.abs(stretch.harmonics[:, 0, 1]), 2e-3, rtol=5e-3)
+    assert stretch.frequency.size < 200

@@ -7,6 +7,7 @@ import xarray as xr
 from calib.errors import CalibError
 from calib.records import read, rename_bodies, write
 from calib.records.held_response import as_measured, at_one_level, is_held, unsteady
+from calib.records.replicates import levels_of_sweeps, replicates
 from calib.records.response import complex_amplitude, make_response
 from calib.records.response_table import read_response
 from calib.report.record_description import record_description, record_warnings
@@ -26,10 +27,10 @@ def measured(**further):
     )  # fmt: skip
 
 
-def test_each_sweep_is_at_the_median_of_its_levels_with_the_receptances_measured():
+def test_each_sweep_is_at_a_level_in_proportion_to_what_was_held_with_the_receptances_measured():
     held = at_one_level(measured(), "mass")
     assert is_held(held)
-    np.testing.assert_allclose(held.level.values, [1.5, 1.5, 1.5, 3.0, 3.0, 3.0])
+    np.testing.assert_allclose(held.level.values, 1.5 * AMPLITUDE)  # N/mm: the median of level over amplitude
     np.testing.assert_allclose(
         complex_amplitude(held) / held.level.values, complex_amplitude(measured()) / LEVEL, rtol=1e-14
     )
@@ -115,3 +116,14 @@ def test_the_body_keeps_its_part_under_another_name():
     assert rename_bodies(held, {"mass": "q1", "tip": "q2"}).attrs["held"] == "q1"
     with pytest.raises(CalibError, match="the amplitude of 'mass' was held"):
         rename_bodies(held, {"tip": "q2"})
+
+
+def test_sweeps_at_one_acceleration_are_at_one_level_whatever_their_bands():
+    frequency = np.array([9.0, 10.0, 11.0, 12.0, 11.0, 12.0, 13.0, 14.0])
+    sweep = np.repeat([0, 1], 4)
+    omega = 2.0 * np.pi * frequency
+    level = np.array([2.0, 0.5, 1.5, 2.5, 1.4, 2.6, 3.0, 4.0])
+    record = at_one_level(make_response(frequency, ["mass"], (5.0 / omega**2)[None] + 0j, level, "N", sweep), "mass")
+    assert np.ptp(record.level.values) < 1e-12
+    assert set(levels_of_sweeps(record)) == {0}
+    assert replicates(record)[[4, 5]].tolist() == [2, 3]
