@@ -13,12 +13,14 @@ from calib.execution.pools.results import FOLDER, ResultFolder
 from calib.execution.workers import workers
 from calib.modelling.model import Model
 from calib.objective import Objective, Reference
+from calib.records.held_response import is_held
 from calib.store.environment import environment
 from calib.store.plain import plain
 from calib.study import CalibrationStudy, Evaluation, evaluate
 from calib.study_file import StudyFile
 
 SEARCH, CONFIRM, HOLD_OUT = "search", "confirm", "hold-out"  # stages; each may compile kernels of its own
+HOLD_OUT_STAGES = (HOLD_OUT, False), (f"{HOLD_OUT} at a held amplitude", True)  # and whether it is that
 IDLE_ASKS = 10  # times that an optimiser has asked, of whose points the mean is taken
 CALIBRATED = ""  # in the place of a record held out: all calibrated records together
 
@@ -61,11 +63,10 @@ class Evaluations:
         on_note: Callable[[str], None] = lambda text: None,
         on_compiling: OnCompiling | None = None,
     ):
-        study = file.study
+        study, held_out = file.study, held_out_references(file)
         objectives = {CALIBRATED: study.objective}
-        objectives |= {
-            name: study.objective.on({name: reference}) for name, reference in held_out_references(file).items()
-        }
+        objectives |= {name: study.objective.on({name: reference}) for name, reference in held_out.items()}
+        self._held = {name for name, reference in held_out.items() if is_held(reference.record)}
         models = {False: study.model}
         if study.model.confirming is not None:
             models[True] = study.model.confirming
@@ -102,9 +103,18 @@ class Evaluations:
         return self._pool.map(tasks, stage)
 
     def at(self, values: Mapping[str, float], cases: Sequence[Case]) -> dict[str, Evaluation | Failure]:
-        """Evaluate the same values on several cases; return the evaluations by their record."""
-        answers = dict(self.each([(case, values) for case in cases], HOLD_OUT))
-        return {case.record: answers[index] for index, case in enumerate(cases)}
+        """Evaluate the same values on several cases; return the evaluations by their record.
+
+        Responses at a held amplitude take no kernel of the simulator, so that they compile nothing for the others.
+        """
+        stages = {
+            stage: [case for case in cases if (case.record in self._held) == held] for stage, held in HOLD_OUT_STAGES
+        }
+        return {
+            own[index].record: answer
+            for stage, own in stages.items()
+            for index, answer in self.each([(case, values) for case in own], stage)
+        }
 
     def __enter__(self) -> Self:
         return self
