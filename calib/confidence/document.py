@@ -143,7 +143,7 @@ class PredictedChannelResult:
     ----------
     body, channel : whose
     inside : share of its samples inside the 95 % band of curve and noise  [1]; None where no sample counts
-    samples : that count; velocities beside an impact do not
+    samples : that count; velocities beside an impact and points without a band do not
     noise, unit : standard deviation of the noise, in SI
     source : where it comes from, in words
     """
@@ -170,6 +170,9 @@ class PredictedRecordResult:
     channels : of each channel that is compared; none where the record cannot be predicted
     reason : why not; "" where it is
     samples_left_out, bodies_left_out : of a long record and one of many bodies, that are not predicted
+    unreached : share of the points of a frequency response, over all draws, that no stable motion reaches  [1]; they
+        are left out of the bands
+    points_without_band : of a frequency response, that too few draws reach
     """
 
     name: str
@@ -181,6 +184,8 @@ class PredictedRecordResult:
     reason: str = ""
     samples_left_out: int = 0
     bodies_left_out: int = 0
+    unreached: float = 0.0
+    points_without_band: int = 0
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ for each draw. A phase curve has its band across itself, along the normal of the
 extents: where velocity jumps, the instants of the draws differ, and their curves hardly do.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,7 @@ class PredictedChannel:
 
     Attributes
     ----------
-    curves : (draw, n)  [unit of the channel]
+    curves : (draw, n), NaN where a draw has no motion  [unit of the channel]
     noise : its standard deviation, of all samples or of each (n,)  [unit of the channel]
     """
 
@@ -35,12 +36,12 @@ class PredictedChannel:
     @property
     def median(self) -> np.ndarray:
         """Median curve (n,)."""
-        return np.median(self.curves, axis=0)
+        return _quantiles(self.curves, (0.5,))[0]
 
     @property
     def curve_quantiles(self) -> np.ndarray:
         """Quantiles (4, n) of the curve at `TAILS`."""
-        return np.quantile(self.curves, TAILS, axis=0)
+        return _quantiles(self.curves, TAILS)
 
     @property
     def sample_quantiles(self) -> np.ndarray:
@@ -55,22 +56,37 @@ class PredictedChannel:
         return float(np.mean((probability >= TAILS[0]) & (probability <= TAILS[-1])))
 
 
+def _quantiles(curves: np.ndarray, levels: Sequence[float]) -> np.ndarray:
+    """Quantiles (level, n) of curves (draw, n), of those that are not NaN; NaN where all are."""
+    there = np.isfinite(curves).any(axis=0)
+    quantile = np.quantile if np.isfinite(curves).all() else np.nanquantile
+    found = np.full((len(levels), there.size), np.nan)
+    found[:, there] = quantile(curves[:, there], levels, axis=0)
+    return found
+
+
 def mixture_probability(values: np.ndarray, centres: np.ndarray, deviation: np.ndarray) -> np.ndarray:
     """Probability (n,) that a sample lies below `values` (n,), of normals about `centres` (draw, n), equally likely.
 
     deviation : (n,) standard deviation of each; 0: there is no noise
+    NaN in `centres` does not count.
     """
     apart = values - centres
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = np.where(deviation > 0.0, apart / deviation, np.where(apart == 0.0, 0.0, np.sign(apart) * np.inf))
-    return np.asarray(ndtr(scaled)).mean(axis=0)
+    below = np.asarray(ndtr(scaled))
+    there = ~np.isnan(below)
+    return np.asarray(np.where(there, below, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1))
 
 
 def mixture_quantiles(centres: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-    """Quantiles (4, n) at `TAILS` of normals about `centres` (draw, n) of standard deviation (n,), by bisection."""
+    """Quantiles (4, n) at `TAILS` of normals about `centres` (draw, n) of standard deviation (n,), by bisection.
+
+    NaN in `centres` does not count; of a sample where all are NaN the quantiles are.
+    """
     rows = []
     for tail in TAILS:
-        low, high = (edge(centres, axis=0) for edge in (np.min, np.max))
+        low, high = (edge.reduce(centres, axis=0) for edge in (np.fmin, np.fmax))
         low, high = low - MIXTURE_REACH * deviation, high + MIXTURE_REACH * deviation
         for _ in range(MIXTURE_BISECTIONS):
             middle = 0.5 * (low + high)

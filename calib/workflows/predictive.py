@@ -16,19 +16,20 @@ from calib.confidence.predictive import MIN_PREDICTIVE_TRUST, PREDICTIVE_DRAWS, 
 from calib.diagnosis.noise import RESIDUAL, STATED, Noise
 from calib.execution.pool import Failure
 from calib.objective import Objective
-from calib.records import OK
-from calib.records.response import SIGMA_SOURCE
+from calib.records import OK, is_response
+from calib.records.response import SIGMA_SOURCE, complex_amplitude
 from calib.store.chunks import Chunks
 from calib.study import Evaluation
 from calib.study_file import StudyFile
 from calib.workflows.evaluations import CALIBRATED, Case, Evaluations, held_out_references
+from calib.workflows.predicted_amplitudes import noise_of_amplitudes, read_amplitudes, with_amplitude_channel
 from calib.workflows.residual import beside_simulation
 
 PREDICTIVE_STAGE = "predictive"
-PREDICTIONS_FORMAT_VERSION = 1  # of the pieces: those of another are made anew
+PREDICTIONS_FORMAT_VERSION = 2  # of the pieces: those of another are made anew
 MAX_PREDICTED_SAMPLES = 4000  # of a record, from its begin on  [count]
 MAX_PREDICTED_BODIES = 12  # of a record  [count]
-MIN_DRAWS = 20  # that a record needs for bands  [count]
+MIN_DRAWS = 20  # that a record, and a point of a frequency response, needs for bands  [count]
 NOISE_SOURCES = {RESIDUAL: "neighbouring samples of the residual"}  # the others say themselves what they are
 
 
@@ -38,7 +39,7 @@ class PredictedRecord:
 
     Attributes
     ----------
-    measured : the record, with the samples and bodies that are predicted
+    measured : the record, with the samples and bodies that are predicted; a frequency response with its `amplitude`
     held_out : whether it was not calibrated on
     period : of the motion [s], None without one
     channels : (body, channel) -> prediction; of those that are compared
@@ -81,6 +82,14 @@ class _Compared:
     reason: str
     bodies_left_out: int = 0
 
+    @property
+    def measured(self) -> xr.Dataset:
+        """The record with the samples that are predicted, and all bodies."""
+        record = self.objective.references[self.name].record
+        if is_response(record):
+            return with_amplitude_channel(record).isel(point=slice(MAX_PREDICTED_SAMPLES))
+        return record.isel(time=slice(MAX_PREDICTED_SAMPLES))
+
     def piece(self, answer: Evaluation | Failure) -> dict[str, np.ndarray]:
         """What is kept of a simulation: status, whether the motion is of another kind, rows (row, n), trust (n,)."""
         if isinstance(answer, Failure):
@@ -89,12 +98,26 @@ class _Compared:
         status = simulated.attrs.get("status", OK)
         if status != OK:
             return {"status": np.array(status)}
+        if self.objective.references[self.name].is_swept:
+            return self._piece_of_response(simulated)
         aligned = self.objective.aligned(self.name, simulated).isel(time=slice(MAX_PREDICTED_SAMPLES))
         rows = np.array([aligned[channel].sel(body=body).values for body, channel in self.noise])
         wrong = self.name in answer.score.wrong
         return {
             "status": np.array(OK if np.isfinite(rows).all() else "not finite"), "wrong": np.array(wrong),
             "rows": rows, "trust": aligned["trust"].values,
+        }  # fmt: skip
+
+    def _piece_of_response(self, simulated: xr.Dataset) -> dict[str, np.ndarray]:
+        """Amplitudes at the measured points, NaN where no stable motion reaches."""
+        if not np.isfinite(complex_amplitude(simulated)).all():
+            return {"status": np.array("not finite")}
+        measured = self.measured
+        bodies = measured.body.values.tolist()
+        rows = read_amplitudes(simulated, measured)[[bodies.index(body) for body, _ in self.noise]]
+        return {
+            "status": np.array(OK if np.isfinite(rows).any() else "no stable motion"), "wrong": np.array(False),
+            "rows": rows, "trust": np.ones(rows.shape[1]),
         }  # fmt: skip
 
 
@@ -177,7 +200,7 @@ def predictive_groups(records: PredictedRecords, seed: int) -> dict[str, xr.Data
 
     `posterior_predictive` has the records that were calibrated on, `predictions` those held out, each channel as
     RECORD.CHANNEL (chain, draw, body, time), and beside it the curve without noise as RECORD.CHANNEL.curve;
-    `observed_data` has the samples that were measured.
+    `observed_data` has the samples that were measured. A frequency response has points in the place of time.
     """
     rng = np.random.default_rng(seed)
     groups: dict[str, dict[str, xr.DataArray]] = {}
@@ -188,8 +211,9 @@ def predictive_groups(records: PredictedRecords, seed: int) -> dict[str, xr.Data
         for channel in dict.fromkeys(channel for _, channel in one.channels):
             rows = [row for row in one.channels if row[1] == channel]
             key = f"{name}.{channel}".replace("/", "_")
-            dims = (f"{key}.body", f"{name}.time".replace("/", "_"))
-            at = {dims[0]: [body for body, _ in rows], dims[1]: one.measured.time.values}
+            along = "point" if is_response(one.measured) else "time"
+            dims = (f"{key}.body", f"{name}.{along}".replace("/", "_"))
+            at = {dims[0]: [body for body, _ in rows], dims[1]: one.measured[along].values}
             curves = np.stack([one.channels[row].curves for row in rows], axis=1)[None]
             size = curves.shape[-1]
             kicks = [[one.noise[row].drawn(rng, size) for row in rows] for _ in range(curves.shape[1])]
@@ -240,13 +264,13 @@ def _with_noise(name: str, case: Case, objective: Objective, answer: Evaluation 
     def unusable(reason: str) -> _Compared:
         return _Compared(name, case, objective, {}, None, reason)
 
-    if objective.references[name].is_swept:
-        return unusable("bands are of motions over time, and it is a frequency response")
     if isinstance(answer, Failure):
         return unusable(f"the best point cannot be simulated ({answer.status}: {answer.reason})")
     simulated = answer.records[name]
     if simulated.attrs.get("status", OK) != OK:
         return unusable(f"the best point cannot be simulated ({simulated.attrs['status']})")
+    if objective.references[name].is_swept:
+        return _with_noise_of_amplitudes(name, case, objective, noise_of_amplitudes(objective, name, simulated))
     beside = beside_simulation(objective, name, simulated)
     if beside is None:
         return unusable("its motion is irregular, or it has too few samples, or the simulation lacks a channel of it")
@@ -259,6 +283,15 @@ def _with_noise(name: str, case: Case, objective: Objective, answer: Evaluation 
         return unusable("the excitation prescribes all that is compared")
     period = None if part.period is None else part.cycle * part.period
     return _Compared(name, case, objective, noise, period, "", len(compared) - len(bodies))
+
+
+def _with_noise_of_amplitudes(
+    name: str, case: Case, objective: Objective, noise: Mapping[tuple[str, str], Noise]
+) -> _Compared:
+    """A frequency response with the noise of the amplitude of each body."""
+    own = {row: _of_predicted(one) for row, one in list(noise.items())[:MAX_PREDICTED_BODIES]}
+    reason = "" if own else "the excitation prescribes all that is compared"
+    return _Compared(name, case, objective, own, None, reason, len(noise) - len(own))
 
 
 def _of_predicted(noise: Noise) -> Noise:
@@ -275,11 +308,11 @@ def _predicted(one: _Compared, pieces: Sequence[Mapping[str, np.ndarray]]) -> Pr
         reason = f"{failed} of {len(pieces)} draws fail"
         return PredictedRecordResult(one.name, held_out, len(pieces), failed, wrong, (), reason)
     curves = np.array([piece["rows"] for piece in good])
+    reached = np.isfinite(curves[:, 0])  # the same of all rows
+    curves = np.where(reached.sum(axis=0) < min(MIN_DRAWS, len(pieces)), np.nan, curves)
     trust = np.median([piece["trust"] for piece in good], axis=0)
-    whole = one.objective.references[one.name].record
-    measured = whole.isel(time=slice(MAX_PREDICTED_SAMPLES))
-    left_out = whole.sizes["time"] - measured.sizes["time"]
-    measured = measured.sel(body=list(dict.fromkeys(body for body, _ in one.noise)))
+    measured = one.measured.sel(body=list(dict.fromkeys(body for body, _ in one.noise)))
+    left_out = one.objective.references[one.name].abscissa.size - trust.size
     levels = {row: noise.sigma * noise.profile for row, noise in one.noise.items()}
     channels = {row: PredictedChannel(curves[:, k], level) for k, (row, level) in enumerate(levels.items())}
     told = tuple(
@@ -287,8 +320,9 @@ def _predicted(one: _Compared, pieces: Sequence[Mapping[str, np.ndarray]]) -> Pr
         for (body, channel), noise in one.noise.items()
     )
     result = PredictedRecordResult(
-        one.name, held_out, len(pieces), failed, wrong, told, "", left_out, one.bodies_left_out
-    )
+        one.name, held_out, len(pieces), failed, wrong, told, "", left_out, one.bodies_left_out,
+        1.0 - float(reached.mean()), int(np.isnan(curves[:, 0]).all(axis=0).sum()),
+    )  # fmt: skip
     return PredictedRecord(measured, held_out, one.period, channels, one.noise, trust, result)
 
 
@@ -296,7 +330,8 @@ def _channel_result(
     body: str, channel: str, own: PredictedChannel, noise: Noise, measured: xr.Dataset, trust: np.ndarray
 ) -> PredictedChannelResult:
     values = measured[channel].sel(body=body).values
-    counted = np.isfinite(values) & ((channel != "velocity") | (trust >= MIN_PREDICTIVE_TRUST))
+    reliable = (channel != "velocity") | (trust >= MIN_PREDICTIVE_TRUST)
+    counted = np.isfinite(values) & np.isfinite(own.median) & reliable
     sources = {**NOISE_SOURCES, STATED: str(measured.attrs.get(SIGMA_SOURCE, STATED))}
     share = own.inside(np.where(counted, values, 0.0), counted)
     return PredictedChannelResult(

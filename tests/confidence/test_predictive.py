@@ -9,6 +9,8 @@ from calib.confidence.bands import predicted_bands, read_bands, write_bands
 from calib.confidence.predictive import TAILS, PredictedChannel, PredictedLoop, mixture_quantiles
 from calib.errors import CalibError
 from calib.records import make
+from calib.records.held_response import at_one_level, is_held
+from calib.records.response import make_response
 
 SAMPLES = 400
 TIME = np.linspace(0.0, 1.0, SAMPLES, endpoint=False)
@@ -62,6 +64,19 @@ def test_samples_that_do_not_count_are_left_out():
     assert np.isnan(own.inside(measured, np.zeros(SAMPLES, dtype=bool)))
 
 
+def test_draws_without_a_motion_do_not_count():
+    curves = normal_curves(0.3, draws=200)
+    own, part = PredictedChannel(curves, 0.4), np.where(np.arange(len(curves))[:, None] % 2, curves, np.nan)
+    part[:, :10] = np.nan
+    fewer = PredictedChannel(part, 0.4)
+    for name in ("median", "curve_quantiles", "sample_quantiles"):
+        found = getattr(fewer, name)
+        assert np.isnan(found[..., :10]).all()
+        assert found[..., 10:] == pytest.approx(getattr(own, name)[..., 10:], abs=0.04)
+    counted = np.arange(SAMPLES) >= 10
+    assert fewer.inside(own.median, counted) == 1.0
+
+
 def circles(radius, phase):
     angle = 2.0 * np.pi * TIME + phase[:, None]
     return PredictedLoop(
@@ -111,6 +126,25 @@ def test_bands_are_read_as_they_were_written(tmp_path):
             np.testing.assert_array_equal(again[name][variable].values, own[variable].values)
         assert again[name].attrs == own.attrs
     assert list(again["bench"]["loop_body"].values) == ["a"]
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_bands_of_a_response_are_read_as_they_were_written(tmp_path, held):
+    amplitude = np.array([[1.0, 2.0, 1.5]]) * 1e-3
+    measured = make_response(np.array([3.0, 3.1, 3.2]), ["mass"], amplitude, np.array([0.2, 0.3, 0.2]), "N")
+    if held:
+        measured = at_one_level(measured, "mass")
+    measured = measured.assign(amplitude=(("body", "point"), np.abs(measured.in_phase.values), {"units": "m"}))
+    curves = measured.amplitude.values + 1e-5 * np.arange(30.0)[:, None]
+    curves[:, 2] = np.nan
+    channel = PredictedChannel(curves, np.array([1e-5, 2e-5, 1e-5]))
+    bands = {"sweep": predicted_bands(measured, {("mass", "amplitude"): channel}, np.ones(3), None)}
+    write_bands(bands, tmp_path)
+    again = read_bands(tmp_path)["sweep"]
+    xr.testing.assert_identical(again, bands["sweep"])
+    assert is_held(again) == held
+    assert again["noise"].values == pytest.approx(np.array([[1e-5, 2e-5, 1e-5]]))
+    assert np.isnan(again["sample"].values[..., 2]).all()
 
 
 def test_a_file_without_predictions_is_named(tmp_path):

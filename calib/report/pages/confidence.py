@@ -19,6 +19,7 @@ from calib.confidence.document import (
     ProfileResult,
 )
 from calib.confidence.profile import WINDOW_END
+from calib.records import is_response
 from calib.report.formatting import capitalised
 from calib.report.pages.diagnosis.conclusion import MAX_RELATIVE_CHANGE
 from calib.report.pages.picture import Picture
@@ -36,6 +37,10 @@ PREDICTED = (
     "phase curves, and channels less their medians over time. Bands hold 50 % and 95 % of the curves of the posterior "
     "distribution (orange) and of samples with noise (blue); that of a phase curve is taken across it. Velocities "
     "beside an impact have no band."
+)
+PREDICTED_RESPONSE = (
+    "amplitudes over frequency, and less their medians. Bands hold 95 % of the curves of the posterior distribution "
+    "(dark) and of readings with noise (light), in the colour of the level. A point that too few draws reach has none."
 )
 PAIRS = " Of two parameters: the region of the joint quantile, and that of a quarter of it."
 
@@ -152,7 +157,7 @@ def confidence_chapter(
         predicted=tuple(row for record in predicted for row in _predicted(record)),
         prediction_remarks=tuple(text for record in predicted for text in prediction_remarks(record)),
         predictions=tuple(
-            Picture(predictive_of_record(own), f"predicted-{name}", f"{name}: {PREDICTED}")
+            Picture(predictive_of_record(own), f"predicted-{name}", f"{name}: {_caption(own)}")
             for name, own in bands.items()
         ),
         models=() if confidence.comparison is None else tuple(map(_model, confidence.comparison.models)),
@@ -189,11 +194,25 @@ def prediction_remarks(record: PredictedRecordResult) -> list[str]:
             f"{record.name}: the motion of {record.other_kind} of {count(record.draws, 'draw')} is of another kind "
             "than measured"
         )
+    if record.unreached:
+        remarks.append(
+            f"{record.name}: {record.unreached:.2%} of its points, over all draws, are reached by no stable motion, "
+            "and are left out of the bands"
+        )
+    if record.points_without_band:
+        remarks.append(
+            f"{record.name}: {count(record.points_without_band, 'point')} that too few draws reach have no band and do "
+            "not count"
+        )
     if record.samples_left_out:
         remarks.append(f"{record.name}: its last {count(record.samples_left_out, 'sample')} are not predicted")
     if record.bodies_left_out:
         remarks.append(f"{record.name}: bodies that are not predicted: {record.bodies_left_out}")
     return remarks
+
+
+def _caption(bands: xr.Dataset) -> str:
+    return PREDICTED_RESPONSE if is_response(bands) else PREDICTED
 
 
 def _marginal(own: MarginalResult) -> MarginalRow:

@@ -99,12 +99,12 @@ def sweep_legend(figure: Figure, measured: xr.Dataset, *others: Artist) -> None:
 
     It has as many columns as the width of the figure has room for.
     """
-    handles = [*_entries(measured), *others]
+    handles = [*sweep_entries(measured), *others]
     drawn = fitted_legend(figure, handles, MAX_LEGEND_COLUMNS, loc="outside upper right", columnspacing=1.4)
     figure.set_figheight(figure.get_figheight() + drawn.get_window_extent().height / figure.dpi)
 
 
-def _entries(measured: xr.Dataset) -> list[Artist]:
+def sweep_entries(measured: xr.Dataset) -> list[Artist]:
     """Entries of a legend of the sweeps: level and direction; the first few of many."""
     colours, markers, handles = _colours(measured), _markers(measured), list[Artist]()
     for sweep, points in sweeps(measured)[:MAX_LEGEND_SWEEPS]:

@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from calib.confidence.predictive import MIN_PREDICTIVE_TRUST
-from calib.records import STATE
+from calib.records import STATE, is_response
+from calib.report.plots.predicted_response import response_height, response_panels
 from calib.report.plots.style import DPI, KINDS, LINE, MEASURED, SIMULATED, STYLE, TEXT_WIDTH, Look, dots
 from calib.units import shown_unit
 
@@ -43,19 +44,23 @@ def predictive_figure(bands: Mapping[str, xr.Dataset]) -> Figure:
         for (name, one), part in zip(bands.items(), parts, strict=True):
             _panels(part, one)
             part.suptitle(name, x=0.02, horizontalalignment="left")
-        _band_legend(parts[0])
+        over_time = [part for one, part in zip(bands.values(), parts, strict=True) if not is_response(one)]
+        for part in over_time[:1]:
+            _band_legend(part)
     return figure
 
 
 def predictive_of_record(bands: xr.Dataset) -> Figure:
     """Draw the bands of one record: each body's phase curve, and its channels less their medians over time.
 
-    Of a periodic motion one period is shown. Beside an impact there is no band of the velocity.
+    Of a periodic motion one period is shown. Beside an impact there is no band of the velocity. Of a frequency response
+    see `response_panels`.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(TEXT_WIDTH, _height(bands)), layout="constrained")
         _panels(figure, bands)
-        _band_legend(figure)
+        if not is_response(bands):
+            _band_legend(figure)
     return figure
 
 
@@ -64,10 +69,15 @@ def _bodies(bands: xr.Dataset) -> list[str]:
 
 
 def _height(bands: xr.Dataset) -> float:
+    if is_response(bands):
+        return LABEL_HEIGHT + response_height(bands)
     return LABEL_HEIGHT + BAND_PANEL_HEIGHT * len(_bodies(bands))
 
 
 def _panels(figure: Figure | SubFigure, bands: xr.Dataset) -> None:
+    if is_response(bands):
+        response_panels(figure, bands)
+        return
     bodies = _bodies(bands)
     rows = {body: [k for k, own in enumerate(bands["body"].values) if str(own) == body] for body in bodies}
     loops = [str(body) for body in bands["loop_body"].values] if "loop_body" in bands else []

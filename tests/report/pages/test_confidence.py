@@ -23,8 +23,10 @@ from calib.confidence.document import (
 )
 from calib.confidence.predictive import PredictedChannel
 from calib.records import make
+from calib.records.response import complex_amplitude, make_response
 from calib.report.pages.confidence import confidence_chapter, sampling_remarks
 from calib.report.pages.page import render
+from calib.report.plots.predictive import predictive_figure
 from calib.report.plots.profiles import profiles_figure
 from calib.report.plots.style import png
 from calib.study import CalibrationResult
@@ -128,6 +130,40 @@ def test_predictions_have_their_share_inside_the_band_and_a_picture(periodic, un
     assert "long: bodies that are not predicted: 2" in page
     assert "Mind: clapping: 2 of 100 draws fail and are left out." in page
     assert "Mind: louder is not predicted: its motion is irregular." in page
+
+
+def test_a_predicted_response_has_a_panel_for_each_body(periodic, undrawn):
+    frequency, bodies = np.linspace(3.0, 4.0, 20), ["mass", "tip"]
+    amplitude = np.vstack([1e-3 + 0.0 * frequency, 2e-3 * frequency])
+    both = np.concatenate([frequency, frequency[::-1]])
+    measured = make_response(
+        both, bodies, np.hstack([amplitude, amplitude[:, ::-1]]), np.repeat([0.2, 0.4], 20), "N",
+        np.repeat([0, 1], 20), np.repeat([1.0, -1.0], 20),
+    )  # fmt: skip
+    size = np.abs(complex_amplitude(measured))
+    measured = measured.assign(amplitude=(("body", "point"), size, {"units": "m"}))
+    curves = size + 1e-5 * np.linspace(-1.0, 1.0, 30)[:, None, None]
+    curves[:, :, 19] = np.nan
+    channels = {(body, "amplitude"): PredictedChannel(curves[:, k], 1e-5) for k, body in enumerate(bodies)}
+    bands = predicted_bands(measured, channels, np.ones(40), None)
+    told = PredictedChannelResult("mass", "amplitude", 0.9, 39, 1e-5, "m", "stated in the record")
+    record = PredictedRecordResult("sweep", True, 100, 0, 0, (told,), unreached=0.025, points_without_band=1)
+    marginal = MarginalResult("gap", "m", "linear", 1e-3, 5e-5, 0.91e-3, 1.1e-3, "flat in the window")
+    own = [marginal, replace(marginal, name="damping")]
+    sampled = replace(PROFILED, posterior=PosteriorResult(tuple(own), -9.0, 0.03, 1100.0, 4000, (record,)))
+    [picture] = confidence_chapter(sampled, CALIBRATED, {"sweep": bands}).predictions
+    assert [axes.get_title(loc="left") for axes in picture.figure.axes] == [
+        "mass: amplitude [mm]", "amplitude - median [mm]", "tip: amplitude [mm]", "amplitude - median [mm]"
+    ]  # fmt: skip
+    assert [text.get_text() for text in picture.figure.legends[0].texts] == [
+        "0.2 N, up", "0.4 N, down", "curve, 95 %", "with noise, 95 %"
+    ]  # fmt: skip
+    assert png(predictive_figure({"sweep": bands})).startswith(b"\x89PNG")
+    page = words(render(periodic.study, [], {}, CALIBRATED, confidence=sampled, predictions={"sweep": bands}))
+    assert "sweep held out mass amplitude 90.0% 0.01 mm stated in the record" in page
+    assert "Mind: sweep: 2.50% of its points, over all draws, are reached by no stable motion" in page
+    assert "Mind: sweep: 1 point that too few draws reach have no band and do not count." in page
+    assert "sweep: amplitudes over frequency" in page
 
 
 def test_models_are_compared_by_their_evidence(periodic, undrawn):
