@@ -195,10 +195,6 @@ def test_a_posterior_predicts_the_responses_that_the_model_made(tmp_path, monkey
         assert (of_curve < with_noise).all()
     drawn = xr.load_dataset(tmp_path / "out" / "posterior.nc", group="predictions")
     assert drawn["louder.amplitude"].dims == ("chain", "draw", "louder.amplitude.body", "louder.point")
-    confidence_study(tmp_path, only_posterior=True)
-    assert read_confidence(tmp_path / "out").posterior == interrupted
-    for name, own in read_bands(tmp_path / "out").items():
-        xr.testing.assert_identical(own, bands[name])
 
 
 def counted(simulations):
