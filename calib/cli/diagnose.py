@@ -21,6 +21,7 @@ from calib.execution.pool import REFUSED
 from calib.execution.progress import LINE_INTERVAL
 from calib.report.formatting import distinguishing_digits, quantity
 from calib.report.pages.diagnosis.conclusion import REFITTED, left_out, proposal, remedy
+from calib.report.pages.diagnosis.levels import level_trends
 from calib.report.pages.diagnosis.sizes import (
     disagreements,
     is_absorbed,
@@ -112,6 +113,8 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
     if diagnosis.suspects:
         console.print(_suspects(diagnosis, console.width))
     for line in _refused(diagnosis.suspects):
+        console.print(escape(line), soft_wrap=True)
+    for line in level_trends(diagnosis):
         console.print(escape(line), soft_wrap=True)
     for line in (*left_out(diagnosis), *_gain(diagnosis), *disagreements(diagnosis), *moved_sizes(diagnosis)):
         console.print(line, soft_wrap=True)

@@ -14,6 +14,8 @@ from calib.diagnosis.foresight import NEXT_MEASUREMENT, foresee_rivals
 from calib.diagnosis.gain import Gain
 from calib.diagnosis.gates import Gate, above_noise, budget_too_small, converged, noise_known
 from calib.diagnosis.laboratory import UNRESTRICTED, Laboratory
+from calib.diagnosis.levels.comparison import compared_levels
+from calib.diagnosis.levels.document import LevelsResult
 from calib.diagnosis.misfit import Misfit, misfit
 from calib.diagnosis.model_selection import select
 from calib.diagnosis.next_measurement import MAX_MODELS, Design, next_measurement
@@ -61,6 +63,7 @@ class Diagnosis:
     rounding : share of the noise of a channel that is due to its converter's steps, where that is a cause, else 0  [1]
     gain : on records held out; None without causes
     design : of the next measurement, where the records leave several causes indistinguishable
+    levels : frequency responses of several levels, compared with the models level by level
     seconds : wall-clock time  [s]
     simulations : number of runs, those included whose result was known
     cut_short : whether something was left out or broken off for the budget
@@ -78,6 +81,7 @@ class Diagnosis:
     rounding: float = 0.0
     gain: Gain | None = None
     design: Design | None = None
+    levels: tuple[LevelsResult, ...] = ()
     seconds: float = 0.0
     simulations: int = 0
     cut_short: bool = False
@@ -211,6 +215,7 @@ def _diagnosed(
         misfit=misfit(pool, bench, fitter.evidence, selection.null, seed),
         gain=gain,
         design=design,
+        levels=compared_levels(pool, bench, fitter.evidence.parts, selection),
         simulations=pool.done,
     )
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from calib.diagnosis.design_document import DesignResult, MeasurementResult
+from calib.diagnosis.levels.document import LevelsResult
 from calib.store.plain import plain, typed
 
 Ends = tuple[float | None, float | None]  # of an interval or a range; None where there is no end
@@ -352,6 +353,7 @@ class DiagnosisResult:
     gain : None where nothing was added to the model
     next_measurement, measurements : the best next measurement, and that of each kind of test
     design : the search for them
+    levels : frequency responses of several levels, compared with models level by level
     threshold : of |z| in the first round
     cut_short : whether the budget was spent before all was tried
     simulations, seconds : cost; wall-clock time  [s]
@@ -381,6 +383,7 @@ class DiagnosisResult:
     next_measurement: MeasurementResult | None = None
     measurements: tuple[MeasurementResult, ...] = ()
     design: DesignResult | None = None
+    levels: tuple[LevelsResult, ...] = ()
     threshold: float | None = None
     cut_short: bool = False
     simulations: int = 0

@@ -87,6 +87,7 @@ def diagnosis_result(diagnosis: Diagnosis, values: Mapping[str, float]) -> Diagn
         next_measurement=measurements[0] if measurements else None,
         measurements=measurements,
         design=None if design is None else design_result(design),
+        levels=diagnosis.levels,
         threshold=None if first is None else first.threshold,
         cut_short=diagnosis.cut_short if selection is None else selection.cut_short,
         simulations=diagnosis.simulations,

@@ -63,6 +63,17 @@ def test_drag_is_named_with_its_size_and_the_gain_on_a_level_held_out(tmp_path):
     assert float((left**2).mean()) == pytest.approx(1.0, abs=0.35)
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Distance of each measured point from the simulated curve of its sweep" in page
+    [levels] = said["levels"]
+    trend = levels["damping"]
+    assert trend["significant"]
+    assert not levels["resonance"]["significant"]
+    assert abs(trend["models"]["extended"] - trend["power"]) < 3.0 * trend["error"] < trend["power"]
+    assert abs(trend["models"]["calibrated"]) < 0.01
+    powers = {law["effect"]: law["damping_power"] for law in levels["laws"]}
+    assert powers["quadratic_drag"] == pytest.approx(1.0, abs=0.01)
+    assert powers["coulomb_friction"] == pytest.approx(-1.0, abs=0.05)
+    assert "the equivalent damping of mass grows with the amplitude" in page
+    assert "not so coulomb_friction" in page
 
 
 def other_modes(response):
@@ -95,6 +106,9 @@ def test_what_a_measurement_adds_to_one_mode_is_named(tmp_path, change, cause, s
 def test_nothing_is_found_where_nothing_is_hidden(tmp_path):
     _, said = diagnosed(None, 100, tmp_path)
     assert said["verdict"] == "none"
+    [levels] = said["levels"]
+    assert not levels["damping"]["significant"]
+    assert not levels["resonance"]["significant"]
 
 
 @pytest.mark.slow
@@ -103,6 +117,10 @@ def test_a_hidden_force_is_in_the_reported_class(tmp_path, cause):
     _, said = diagnosed(cause, 1, tmp_path)
     assert said["verdict"] in ("named", "one_of")
     assert any(name in CAUSES[cause].accepted for names in said["class"] for name in names)
+    [levels] = said["levels"]
+    trend = levels["damping" if cause == "coulomb_friction" else "resonance"]
+    assert trend["significant"]
+    assert trend.get("power", trend.get("change")) < 0.0
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from calib.diagnosis.measurement import DECISIVE_Z
 from calib.diagnosis.preparation import OUTLIERS, QUANTISATION
 from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained, joined
 from calib.report.formatting import capitalised, distinguishing_digits, number, percent
+from calib.report.pages.diagnosis.levels import level_trends
 from calib.report.pages.diagnosis.sizes import disagreements, moved_sizes, moved_values, size_text, sizes
 from calib.study import CalibrationResult
 
@@ -102,7 +103,7 @@ def points(diagnosis: DiagnosisResult, with_force_plots: bool = True, takes_laws
     sentences = [f"{capitalised(gate.name)}: {gate.summary}. What to do: {remedy(gate)}." for gate in failed]
     if diagnosis.misfit is not None and not failed:
         sentences.append(_excess(diagnosis.misfit, diagnosis))
-    sentences += [*_untried(diagnosis), *_remainder(diagnosis), *left_out(diagnosis)]
+    sentences += [*level_trends(diagnosis), *_untried(diagnosis), *_remainder(diagnosis), *left_out(diagnosis)]
     if diagnosis.verdict == NONE and diagnosis.suspects:
         sentences.append(
             "An effect of the smallest detectable size in the table below, or larger, would have been found."
