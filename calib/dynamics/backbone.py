@@ -33,9 +33,9 @@ from calib.errors import CalibError, nearest
 
 RESONANCE_FREQUENCIES = 2000  # of the linear motion, between which its phase passes a quarter of a period
 MIN_RAMP_STEP = 1 / 64  # of an amplitude that is to be held, where a curve begins  [1]
-MAX_EXPONENT = 700.0  # of a level: beyond it is no number  [1]
+MAX_LEVEL_EXPONENT = 700.0  # of a level: beyond it is no number  [1]
 LEVEL_RANGE = 1e-3, 1e3  # of the levels of a constant response, over the least and largest of the linear one
-LEVEL_FREQUENCIES = 200  # of a window, at which those are asked for  [count]
+LINEAR_LEVEL_FREQUENCIES = 200  # of a window, at which those are asked for  [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +195,7 @@ def _linear_levels(
     resonances = np.sqrt(held.balance.system.stiffness) / (2.0 * math.pi)
     inside = resonances[(resonances > window[0]) & (resonances < window[1])]
     found = []
-    for frequency in [*np.linspace(*window, LEVEL_FREQUENCIES).tolist(), *inside.tolist()]:
+    for frequency in [*np.linspace(*window, LINEAR_LEVEL_FREQUENCIES).tolist(), *inside.tolist()]:
         moved = held.per_level(frequency)
         found.append(amplitude(frequency) / (abs(moved if read is None else read(moved, frequency, 1.0)) or math.inf))
     levels = np.array(found)
@@ -225,7 +225,7 @@ class _HeldCurve:
         """Coefficients, frequency [Hz] and level."""
         (low, high), (least, largest) = self.held.window, self.held.levels
         exponent = (1.0 - z[-1]) * math.log(least) + z[-1] * math.log(largest)
-        level = math.exp(exponent) if exponent < MAX_EXPONENT else math.inf
+        level = math.exp(exponent) if exponent < MAX_LEVEL_EXPONENT else math.inf
         frequency = float((1.0 - z[-2]) * low + z[-2] * high)
         return self.scale * z[:-2].reshape(-1, self.held.balance.size), frequency, level
 

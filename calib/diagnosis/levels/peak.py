@@ -1,7 +1,7 @@
 """Peak of the receptance of a sweep: its height, its frequency, and their standard errors.
 
 Near a resonance 1 / |H|^2 of one mode is a parabola over the frequency: that of the inverse, or line-fit, method
-(Ewins, Modal Testing, 2nd ed. 2000, section 4.4). It is fitted between the half-power points. A peak that leans, as
+(Ewins, Modal Testing, 2nd ed. 2000, chapter 4). It is fitted between the half-power points. A peak that leans, as
 that of a stiffness that depends on the amplitude, is none: by how much the minimum of a cubic through one more point on
 either side differs is the least of the standard errors.
 """
