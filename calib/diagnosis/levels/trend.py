@@ -2,7 +2,7 @@
 
 At resonance the excitation balances the damping force: A = c omega X, with the equivalent viscous damping c of the
 motion of amplitude X (Nayfeh & Mook, Nonlinear Oscillations, 1979, chapter 3; Ewins, Modal Testing, 2nd ed. 2000,
-section 4.4, of the peak of the receptance X / A). So c is 1 / (omega X / A) but for a factor that a mode shape makes,
+chapter 4, of the peak of the receptance X / A). So c is 1 / (omega X / A) but for a factor that a mode shape makes,
 which its power of the amplitude does not depend on: 0 of viscous damping, -1 of dry friction, 1 of quadratic drag.
 """
 
