@@ -7,8 +7,9 @@ import click
 import numpy as np
 
 from calib.cli.given import quantity, response_levels, response_window, setting, spare_other_files
-from calib.dynamics.backbone import HeldBranch, backbones, constant_responses
+from calib.dynamics.backbone import backbones, constant_responses
 from calib.dynamics.backbone_dataset import backbone_dataset
+from calib.dynamics.held_curve import HeldBranch
 from calib.dynamics.response import AMPLITUDE
 from calib.errors import CalibError
 from calib.execution.netcdf import write_dataset

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from calib.dynamics.backbone import HeldBranch
+from calib.dynamics.held_curve import HeldBranch
 
 PHASE_RESONANCE, CONSTANT_RESPONSE = "phase resonance", "constant response"
 

@@ -12,8 +12,9 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from calib.dynamics.backbone import HeldBranch, held_response
+from calib.dynamics.backbone import held_response
 from calib.dynamics.harmonic_condition import ReadHarmonic
+from calib.dynamics.held_curve import HeldBranch
 from calib.dynamics.level_curve import HeldAmplitude, LevelCurve
 from calib.dynamics.response import AMPLITUDE
 from calib.dynamics.setting import Setting

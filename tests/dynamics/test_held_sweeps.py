@@ -1,6 +1,7 @@
 """Sweeps at a held amplitude: against a closed form and another integrator, and as a calibration meets them."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from calib.dynamics.setting import Setting
 from calib.dynamics.swept_motions import NOT_HELD, swept_motions
 from calib.dynamics.swept_response import swept_response
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
+from calib.effects.linear_drag import EFFECT as LINEAR_DRAG
 from calib.effects.presliding import EFFECT as PRESLIDING
 from calib.effects.residual_compliance import EFFECT as RESIDUAL_COMPLIANCE
 from calib.effects.response_lag import EFFECT as RESPONSE_LAG
@@ -163,3 +165,14 @@ def test_the_noise_of_readings_of_the_amplitude_is_not_followed():
     (stretch,) = motions(Model(Oscillator()), VALUES, record).stretches
     np.testing.assert_allclose(np.abs(stretch.harmonics[:, 0, 1]), 2e-3, rtol=5e-3)
     assert stretch.frequency.size < 200
+
+
+def test_what_feeds_a_motion_is_held_back():
+    """A force along the velocity overcomes the damping: the level and its phase are those of both together."""
+    feeding = replace(LINEAR_DRAG, parameters=(replace(LINEAR_DRAG.parameters[0], low=-np.inf),))
+    (stretch,) = motions(Model(Oscillator(), [feeding]), {**VALUES, "c1": -3.0}, held(2e-3)).stretches
+    omega = 2.0 * np.pi * stretch.frequency
+    force = 2e-3 * (400.0 - omega**2 + 1j * omega * (1.0 - 3.0))
+    np.testing.assert_allclose(stretch.level, np.abs(force), rtol=1e-9)
+    turned = np.exp(1j * np.angle(force)) * stretch.harmonics[:, 0, 1] / 2e-3
+    np.testing.assert_allclose(turned, 1.0, atol=1e-9)

@@ -1,0 +1,320 @@
+"""Curves of periodic motions on which a condition on one body's first harmonic holds, by harmonic balance.
+
+Frequency and level of the excitation are both unknown, and the condition (`calib.dynamics.harmonic_condition`) stands
+beside the equations of `calib.dynamics.harmonic_balance`.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.dynamics.arclength import Mark, OneWay, along_cubic, root, run
+from calib.dynamics.harmonic_balance import HarmonicBalance
+from calib.dynamics.harmonic_condition import Condition, ReadHarmonic, modulus
+from calib.dynamics.level_curve import LevelCurve
+from calib.dynamics.orbits import newton
+from calib.dynamics.response import AMPLITUDE, FREQUENCY
+from calib.dynamics.series_curve import (
+    AT_STOP,
+    MAX_FIRST_STEPS,
+    SeriesMotion,
+    at_own_scale,
+    modal_system,
+    null_vector,
+)
+from calib.dynamics.setting import Setting
+from calib.errors import CalibError, nearest
+
+MIN_RAMP_STEP = 1 / 64  # of an amplitude that is to be held, where a curve begins  [1]
+MAX_LEVEL_EXPONENT = 700.0  # of a level: beyond it is no number  [1]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldBranch:
+    """Periodic motions of one body's condition, m of them: a backbone, or a constant-response curve.
+
+    Attributes
+    ----------
+    body : whose first harmonic the condition is on
+    frequency, level : (m,) of the excitation  [Hz], [its unit]
+    bodies : in the order of the harmonics
+    harmonics : (body, harmonic, m) complex amplitudes H_0, H_1, ... as `calib.dynamics.response.ResponseBranch`  [m]
+    stable : (m,) at constant frequency and level
+    left_out : (m,) velocity of the harmonics left out over that of the motion  [1]
+    end : why it ends
+    """
+
+    body: str
+    frequency: np.ndarray
+    level: np.ndarray
+    bodies: tuple[str, ...]
+    harmonics: np.ndarray
+    stable: np.ndarray
+    left_out: np.ndarray
+    end: str
+
+    @property
+    def amplitude(self) -> np.ndarray:
+        """Modulus (m,) of the first harmonic of the body  [m]."""
+        return np.asarray(np.abs(self.harmonics[self.bodies.index(self.body), 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldCurve:
+    """Motions whose first harmonic fulfils a condition, as `calib.dynamics.arclength.SolutionCurve`.
+
+    The last two components of z are frequency and level, over their windows; the level on a logarithmic scale. What is
+    left of the condition is weighed as a change of the level is in the balance: with a sharp resonance the forces left
+    are small, and a change of phase moves the condition in second order.
+
+    scale, level : of the coefficients and of the excitation  [kg^1/2 m], [its unit]
+    """
+
+    held: "HeldBalance"
+    condition: Condition
+    scale: float
+    level: float
+    parameters: int = 2
+
+    def unpacked(self, z: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """Coefficients, frequency [Hz] and level."""
+        (low, high), (least, largest) = self.held.window, self.held.levels
+        exponent = (1.0 - z[-1]) * math.log(least) + z[-1] * math.log(largest)
+        level = math.exp(exponent) if exponent < MAX_LEVEL_EXPONENT else math.inf
+        frequency = float((1.0 - z[-2]) * low + z[-2] * high)
+        return self.scale * z[:-2].reshape(-1, self.held.balance.size), frequency, level
+
+    def packed(self, y: np.ndarray, frequency: float, level: float) -> np.ndarray:
+        """Point z (d,)."""
+        (low, high), (least, largest) = self.held.window, self.held.levels
+        place = math.log(level / least) / math.log(largest / least)
+        return np.append(y.ravel() / self.scale, [(frequency - low) / (high - low), place])
+
+    @cached_property
+    def _units(self) -> np.ndarray:
+        return self.scale * self.held.balance.units(2.0 * math.pi * self.held.window[1])
+
+    @cached_property
+    def _weight(self) -> float:
+        balance, drive = self.held.balance, self.held.drive(self.level)
+        still = np.zeros((len(balance.system.stiffness), balance.size))
+        loads = balance.derivatives(still, 2.0 * math.pi * self.held.window[0], drive)[2]
+        return float(np.linalg.norm(drive * loads.ravel() / self._units)) or 1.0
+
+    def residual(self, z: np.ndarray) -> np.ndarray:
+        """What is left of the balance, and of the condition (d - 1,)."""
+        y, frequency, level = self.unpacked(z)
+        left = self.held.balance.residual(y, 2.0 * math.pi * frequency, self.held.drive(level)).ravel() / self._units
+        condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency, level)
+        return np.append(left, self._weight * condition.value)
+
+    def derivative(self, z: np.ndarray) -> np.ndarray:
+        """Derivative (d - 1, d) of the residual."""
+        y, frequency, level = self.unpacked(z)
+        (low, high), (least, largest) = self.held.window, self.held.levels
+        drive, by_level = self.held.drive(level), self.held.drive(level) * math.log(largest / least)
+        parts = self.held.balance.derivatives(y, 2.0 * math.pi * frequency, drive)
+        balance = np.column_stack(
+            [self.scale * parts[0], 2.0 * math.pi * (high - low) * parts[1].ravel(), by_level * parts[2].ravel()]
+        )
+        row, of_drive = self.held.first_harmonic_row
+        change = np.concatenate([self.scale * row, [0.0, by_level * of_drive]])
+        condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency, level)
+        slope = condition.slope(change)
+        slope[-2] += (high - low) * condition.by_frequency
+        slope[-1] += level * math.log(largest / least) * condition.by_level
+        return np.vstack([balance / self._units[:, None], self._weight * slope])
+
+    def start(self, y: np.ndarray, frequency: float, level: float, vary: int) -> SeriesMotion | None:
+        """Point at which parameter `vary` (0 frequency, 1 level) is free, followed towards more of the other one."""
+        z = self.packed(y, frequency, level)
+        free = np.delete(np.arange(z.size), -2 if vary == 1 else -1)
+
+        def whole(u: np.ndarray) -> np.ndarray:
+            full = z.copy()
+            full[free] = u
+            return full
+
+        u, _, reason = newton(
+            lambda u: self.residual(whole(u)), lambda u: self.derivative(whole(u))[:, free], z[free], MAX_FIRST_STEPS
+        )
+        heading = np.eye(z.size)[-2 if vary == 1 else -1]
+        return None if reason else self.point(whole(u), (0.0,), heading)
+
+    def point(self, z: np.ndarray, steps: tuple[float, ...], heading: np.ndarray) -> SeriesMotion | None:
+        """Point at a solution, its tangent along `heading` (d,); None where the derivative is not known."""
+        matrix = self.derivative(z)
+        if not np.isfinite(matrix).all():
+            return None
+        y, frequency, level = self.unpacked(z)
+        drive = self.held.drive(level)
+        multipliers = self.held.balance.multipliers(y, 2.0 * math.pi * frequency, drive)
+        clearance = self.held.balance.clearance(y, drive)
+        tangent = null_vector(matrix, heading)
+        return SeriesMotion(z, tangent, multipliers, matrix, len(steps) - 1, clearance, self.parameters)
+
+    def predicted(self, base: SeriesMotion, before: SeriesMotion, step: float) -> np.ndarray:
+        """Guess on the cubic through the last two points."""
+        return along_cubic(base, before, step)
+
+    def obstacle(self, base: SeriesMotion, point: SeriesMotion) -> str:
+        """Nothing."""
+        return ""
+
+    def marks(self, base: SeriesMotion, ahead: SeriesMotion) -> list[Mark[SeriesMotion]] | None:
+        """Where a rigid stop is touched, and the curve ends."""
+        if ahead.clearance >= 0.0:
+            return []
+        touch = root(self, base, ahead, lambda point, _: point.clearance)
+        return None if touch is None else [Mark("grazing", touch, AT_STOP, last=True)]
+
+    def where(self, point: SeriesMotion) -> str:
+        """Frequency and level of a point."""
+        _, frequency, level = self.unpacked(point.z)
+        return f"{frequency:g} Hz, {level:g} {self.held.unit}"
+
+
+class HeldBalance:
+    """Harmonic balance that the curves of one body share, over windows of frequency and level."""
+
+    def __init__(
+        self, setting: Setting, body: str, window: tuple[float, float], levels: tuple[float, float], harmonics: int
+    ) -> None:
+        if not 0.0 < window[0] < window[1] < math.inf:
+            raise CalibError(f"expected frequencies that rise from above 0, got {window[0]:g} to {window[1]:g} Hz")
+        if not 0.0 < levels[0] < levels[1] < math.inf:
+            raise CalibError(f"expected levels that rise from above 0, got {levels[0]:g} to {levels[1]:g}")
+        bodies = setting.map({FREQUENCY: window[0], AMPLITUDE: levels[1]}).bodies
+        if body not in bodies:
+            raise CalibError(f"no body {body!r}{nearest(body, bodies)}; there are {', '.join(bodies)}")
+        self.balance = HarmonicBalance(modal_system(setting, window[0], levels[1]), harmonics)
+        if self.balance.system.distortion is not None:
+            raise CalibError(
+                "the drive has harmonics, beside which neither a phase nor an amplitude is held; leave out the effects "
+                "on the excitation"
+            )
+        self.body, self.bodies, self.window, self.levels = body, tuple(bodies), window, levels
+        self.unit = setting.unit(AMPLITUDE)
+        self.per_unit = self.balance.system.amplitude / levels[1]
+        self.begin = setting.section_phase
+
+    def drive(self, level: float) -> float:
+        """Amplitude of U at a level."""
+        return self.per_unit * level
+
+    def linear(self, frequency: float, level: float) -> np.ndarray:
+        """Coefficients of the linear motion."""
+        return self.balance.linear_motion(2.0 * math.pi * frequency, self.drive(level))
+
+    @cached_property
+    def first_harmonic_row(self) -> tuple[np.ndarray, complex]:
+        """Complex derivatives of H_1 of the body by the coefficients (n (2 H + 1),) and by the drive's amplitude."""
+        index, system = self.bodies.index(self.body), self.balance.system
+        turn = complex(np.exp(1j * (system.phase - self.begin)))
+        row = np.zeros((len(system.stiffness), self.balance.size), dtype=complex)
+        row[:, 1], row[:, 2] = system.bodies.shape[index] * turn, -1j * system.bodies.shape[index] * turn
+        return row.ravel(), complex(system.bodies.drive[index]) * turn
+
+    def first_harmonic(self, y: np.ndarray, frequency: float, level: float) -> complex:
+        """Complex amplitude H_1 of the body  [m]."""
+        row, of_drive = self.first_harmonic_row
+        return complex(row @ y.ravel() + of_drive * self.drive(level))
+
+    def per_level(self, frequency: float) -> complex:
+        """H_1 of the body in the linear motion for a level of 1  [m over the unit of the level]."""
+        level = self.levels[1]
+        return self.first_harmonic(self.linear(frequency, level), frequency, level) / level
+
+    def held_at(
+        self, amplitude: LevelCurve, read: ReadHarmonic | None, frequency: float, level: float
+    ) -> tuple[np.ndarray, float]:
+        """Coefficients and level of the motion at an amplitude: at once, or by steps from a small one.
+
+        level : of the linear motion at this amplitude
+
+        Raises
+        ------
+        CalibError : Newton's method finds none
+        """
+        y, reached, step = self.linear(frequency, level), 0.0, 1.0
+        while reached < 1.0:
+            share = min(1.0, reached + step)
+            guess, ahead = self._driven_into(share / (reached or 1.0) * y, frequency, share / (reached or 1.0) * level)
+            curve = HeldCurve(self, modulus(amplitude, read, share), float(np.abs(y).max()) or 1.0, ahead)
+            found = curve.start(guess, frequency, ahead, vary=1)
+            if found is not None:
+                y, _, level = curve.unpacked(found.z)
+                reached, step = share, 2.0 * step
+                continue
+            step /= 2.0
+            if step < MIN_RAMP_STEP:
+                raise CalibError(f"Newton's method finds no motion beyond {reached:.0%} of that amplitude")
+        return y, level
+
+    def _driven_into(self, y: np.ndarray, frequency: float, level: float) -> tuple[np.ndarray, float]:
+        """Coefficients of a motion whose first harmonics the excitation balances best, shifted in time, and its level.
+
+        Of a single body, whose one force is what is left of its equation, that is a solution but for other harmonics,
+        however large the damping is, and whichever sign it has.
+        """
+        omega = 2.0 * math.pi * frequency
+        left, driven = (self.balance.residual(y, omega, self.drive(own)) for own in (0.0, level))
+        forces, loads = (own[:, 1] - 1j * own[:, 2] for own in (left, driven - left))
+        size = float(np.vdot(loads, loads).real)
+        factor = -complex(np.vdot(loads, forces)) / size if size else 0.0j
+        if not factor:
+            return y, level
+        order = np.arange(1, self.balance.harmonics + 1)
+        shifted = (y[:, 1::2] - 1j * y[:, 2::2]) * (factor / abs(factor)) ** -order
+        moved = y.copy()
+        moved[:, 1::2], moved[:, 2::2] = shifted.real, -shifted.imag
+        return moved, level * abs(factor)
+
+    def followed(
+        self, condition: Condition, begin: tuple[np.ndarray, float, float], vary: int, most: int,
+        ) -> HeldBranch:  # fmt: skip
+        """Curve from a motion.
+
+        Parameters
+        ----------
+        begin : coefficients, frequency [Hz] and level near those of the motion
+        vary : as in `HeldCurve.start`
+        most : points of the curve
+
+        Raises
+        ------
+        CalibError : there is no such motion, or it has impacts; says why without naming the curve
+        """
+        y, frequency, level = begin
+
+        def at_scale(scale: float) -> tuple[tuple[HeldCurve, OneWay[SeriesMotion]], list[SeriesMotion]] | None:
+            curve = HeldCurve(self, condition, scale, level)
+            start = curve.start(y, frequency, level, vary)
+            if start is None:
+                return None
+            if start.clearance < 0.0:
+                raise CalibError(AT_STOP)
+            onward = run(curve, start, most)
+            return (curve, onward), onward.points
+
+        found = at_own_scale(float(np.abs(y).max()) or 1.0, at_scale)
+        if found is None:
+            raise CalibError("Newton's method finds no motion near the linear one")
+        return self._branch(*found)
+
+    def _branch(self, curve: HeldCurve, way: OneWay[SeriesMotion]) -> HeldBranch:
+        points = [curve.unpacked(motion.z) for motion in way.points]
+        harmonics = [self.balance.body_amplitudes(y, self.drive(level), self.begin) for y, _, level in points]
+        left_out = [self.balance.left_out(y, 2.0 * math.pi * f, self.drive(level)) for y, f, level in points]
+        return HeldBranch(
+            self.body,
+            np.array([frequency for _, frequency, _ in points]),
+            np.array([level for _, _, level in points]),
+            self.bodies,
+            np.moveaxis(np.array(harmonics), 0, -1),
+            np.array([motion.stable for motion in way.points]),
+            np.array(left_out),
+            way.reason,
+        )
