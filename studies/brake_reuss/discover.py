@@ -3,9 +3,9 @@
     python studies/brake_reuss/discover.py
 
 The search is that of `calib discover`, cut short by a budget after the free functions. In it the model is driven by the
-measured force: at a held amplitude the receptance is so steep in what is sought that the fits end early. Printed: what is
-found, its describing function with the calibrated damping, and the distance of `frequency_response` without and with the
-force on all points of the fitted levels and of the seven that were held out.
+measured force: at a held amplitude the receptance is so steep in what is sought that the fits end early. Printed: what
+is found, its describing function with the calibrated damping, and the distance of `frequency_response` without and with
+the force on all points of the fitted levels and of the seven that were held out.
 """
 
 import sys
