@@ -8,7 +8,8 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.records import is_response
-from calib.records.response import PARTS, complex_amplitude, tolerances
+from calib.records.compared_response import compared_amplitude, compared_tolerances
+from calib.records.response import PARTS
 
 CHANNELS = ("frequency", *PARTS)
 
@@ -21,6 +22,7 @@ class ResponseDistance:
     measured point to the nearest one of the simulated curve, its ends at folds and grazings included: orthogonal
     distance regression. A fold that comes early is a distance in frequency there, not a jump in amplitude. The
     distance of a term is the rms of r over that of |H| / sigma_H: responses 10 % too large score about 0.1 / sqrt(3).
+    At a held amplitude the complex level is in the place of H (`calib.records.compared_response`).
 
     Source: Boggs, Byrd, Schnabel, SIAM Journal on Scientific and Statistical Computing 8 (1987) 1052-1078.
     """
@@ -35,9 +37,9 @@ class ResponseDistance:
             raise CalibError("frequency_response compares frequency responses, and this record is over time")
         names = list(bodies or record.variables["body"].values.tolist())
         rows = [record.variables["body"].values.tolist().index(name) for name in names]
-        of_frequency, of_parts = tolerances(record)
+        of_frequency, of_parts = compared_tolerances(record)
         of_parts = of_parts[rows]
-        ratio = np.sqrt(np.mean(np.abs(complex_amplitude(record)[rows] / of_parts) ** 2))
+        ratio = np.sqrt(np.mean(np.abs(compared_amplitude(record)[rows] / of_parts) ** 2))
         shared = np.sqrt(len(names)) * np.broadcast_to(of_frequency, of_parts.shape)  # one frequency, each body's row
         tolerance = float(ratio) * np.stack([shared, of_parts, of_parts], axis=1)
         dims = ("body", "channel", "point")
@@ -49,8 +51,8 @@ class ResponseDistance:
         names = record.variables["body"].values.tolist()
         rows = [names.index(name) for name in bodies or names]
         frequency = record.variables["frequency"].values
-        parts = [record.variables[part].values[rows] for part in PARTS]
-        return np.stack([np.broadcast_to(frequency, parts[0].shape), *parts], axis=1)
+        own = compared_amplitude(record)[rows]
+        return np.stack([np.broadcast_to(frequency, own.shape), own.real, own.imag], axis=1)
 
     def scale(self, reference: xr.DataArray) -> xr.DataArray:
         """Uncertainty of each value (body, channel, point), times the rms ratio of amplitude to uncertainty."""

@@ -13,9 +13,10 @@ from calib.objective.scalar_features import FeatureValue, Scalar, compared
 from calib.objective.stable_stretches import StableStretch, stable_stretches
 from calib.objective.terms import Reference, Term
 from calib.records import OK
+from calib.records.compared_response import compared_amplitude, compared_of, compared_tolerances
 from calib.records.cycles import SWEPT, MotionKind
 from calib.records.held_response import is_held
-from calib.records.response import PARTS, complex_amplitude, has_phase, sweeps, tolerances
+from calib.records.response import PARTS, complex_amplitude, has_phase, sweeps, tolerances, with_amplitude
 
 SAMPLES_PER_INTERVAL = 16  # of the curve between two of its points, where the nearest one is sought
 MAX_FOOT_STEPS = 6  # of Newton's method to the nearest point of the curve
@@ -37,7 +38,7 @@ class PreparedResponse:
         self.prescribed: Pairs = frozenset()
         wanted = [t for t in terms if t.records is None or reference.name in t.records] or terms
         self._bodies = [b for b in self.bodies if any(b in (term.bodies or self.bodies) for term in wanted)]
-        self._frequency_sigma, self._sigma = tolerances(self.record)
+        self._frequency_sigma, self._sigma = compared_tolerances(self.record)
 
     def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
         """Status and reason of a response that cannot be compared, None where it can."""
@@ -52,13 +53,15 @@ class PreparedResponse:
         """Put a simulated response on the measured points: of each the nearest point of the curve of its sweep.
 
         The distance is that of frequency and of the real and imaginary parts of all compared bodies, each in its
-        standard uncertainty (`calib.records.response.tolerances`): orthogonal distance regression.
+        standard uncertainty: orthogonal distance regression. At a held amplitude that of the level, see
+        `calib.records.compared_response`.
         """
         simulated = self._read(simulated)
         size = self.record.sizes["point"]
         frequency, amplitude = np.empty(size), np.empty((len(self.bodies), size), dtype=complex)
         for points, feet in self._feet(simulated):
             frequency[points], amplitude[:, points] = feet.frequency, feet.amplitude
+        amplitude = compared_of(amplitude, self.record["sweep"].values, self.record)
         values = {
             "frequency": ("point", frequency, {"units": "Hz"}),
             "in_phase": (("body", "point"), amplitude.real, {"units": "m"}),
@@ -99,7 +102,9 @@ class PreparedResponse:
     def _feet(self, simulated: xr.Dataset) -> Iterator[tuple[np.ndarray, "_Feet"]]:
         """Measured points of each sweep with the nearest ones of its curve."""
         rows = self._rows
-        measured, own = self.record["frequency"].values, complex_amplitude(self.record)[rows]
+        measured, own = self.record["frequency"].values, compared_amplitude(self.record)[rows]
+        amplitude = compared_of(complex_amplitude(simulated), simulated["sweep"].values, self.record)
+        simulated = with_amplitude(simulated, amplitude)
         target = np.column_stack([measured, own.real.T, own.imag.T])
         sigma = np.column_stack([self._frequency_sigma, self._sigma[rows].T, self._sigma[rows].T])
         for sweep, points in sweeps(self.record):
@@ -139,7 +144,7 @@ class PreparedResponse:
         branch it is on, of each of two responses.
         """
         peaks: dict[str, Scalar] = {}
-        frequency = self.record["frequency"].values
+        frequency, (of_frequency, of_parts) = self.record["frequency"].values, tolerances(self.record)
         for sweep, points in sweeps(self.record):
             place = int(np.argmax(own[points]))
             top, around = points[place], points[max(place - 1, 0) : place + 2]
@@ -147,7 +152,7 @@ class PreparedResponse:
             change = float(np.abs(np.diff(own[around])).min()) if around.size > 1 else 0.0
             known, level = (
                 float(np.hypot(part / np.sqrt(6.0), sigma))
-                for part, sigma in ((step, self._frequency_sigma[top]), (change, self._sigma[row, top]))
+                for part, sigma in ((step, of_frequency[top]), (change, of_parts[row, top]))
             )
             label = "largest amplitude at one level in sweep" if is_held(self.record) else "largest amplitude in sweep"
             peaks[f"{label} {sweep:g}"] = Scalar(float(own[top]), "m", resolution=level)

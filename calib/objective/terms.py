@@ -11,8 +11,8 @@ import xarray as xr
 from calib.errors import CalibError, nearest
 from calib.modelling.simulator import Request
 from calib.records import OK, STATE, check, is_response, mean_interval
+from calib.records.compared_response import in_standard_uncertainties
 from calib.records.excitation import Excitation
-from calib.records.response import in_standard_uncertainties
 
 Use = Literal["calibrate", "name", "holdout"]
 USES = get_args(Use)

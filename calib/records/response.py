@@ -234,11 +234,3 @@ def tolerances(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     if "response_sigma" in record:
         of_parts = record["response_sigma"].values
     return of_frequency, of_parts
-
-
-def in_standard_uncertainties(record: xr.Dataset) -> xr.Dataset:
-    """Return a response with its parts in units of their standard uncertainties, as `tolerances` has them  [1]."""
-    _, sigma = tolerances(record)
-    return record.assign(
-        {part: (("body", "point"), record.variables[part].values / sigma, {"units": "1"}) for part in PARTS}
-    )

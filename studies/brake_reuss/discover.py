@@ -2,10 +2,9 @@
 
     python studies/brake_reuss/discover.py
 
-The search is that of `calib discover`, cut short by a budget after the free functions. In it the model is driven by the
-measured force: at a held amplitude the receptance is so steep in what is sought that the fits end early. Printed: what
-is found, its describing function with the calibrated damping, and the distance of `frequency_response` without and with
-the force on all points of the fitted levels and of the seven that were held out.
+The search is that of `calib discover`, cut short by a budget after the free functions. Printed: what is found, its
+describing function with the calibrated damping, and the distance of `frequency_response` without and with the force on
+all points of the fitted levels and of the seven that were held out.
 """
 
 import sys
@@ -23,7 +22,6 @@ from calib.execution.pool import InProcess
 from calib.modelling.effect import Effect
 from calib.modelling.parameter import Space
 from calib.objective import Objective
-from calib.records.held_response import as_measured
 from calib.records.response import sweeps
 from calib.study_file import StudyFile, load
 
@@ -39,7 +37,7 @@ def main() -> None:
     file = load(Path(__file__).parent / "study.toml")
     study, held = file.study, file.study.objective.references["held"]
     points = np.concatenate([points[::STRIDE] for _, points in sweeps(held.record)])
-    thinned = replace(held, record=as_measured(held.record).isel(point=points))
+    thinned = replace(held, record=held.record.isel(point=points))
     windows = {name: window for name, window in study.space.windows.items() if name != "mass"}
     searched = replace(
         study, objective=Objective({"held": thinned}, study.objective.terms), space=Space(windows, {"mass": MASS})
@@ -60,7 +58,7 @@ def main() -> None:
             "amplitude [mm]  stiffness of the force over the mass [1/s^2]  damping, the calibrated one included [N s/m]"
         )
         for amplitude, stiffness, damping in zip(own.amplitudes, own.stiffness, own.damping, strict=True):
-            print(f"{1e3 * amplitude:14.3f}  {stiffness:44.0f}  {CALIBRATED['damping'] + MASS * damping:43.1f}")
+            print(f"{1e3 * amplitude:14.3f}  {stiffness:44.0f}  {point.values['damping'] + MASS * damping:43.1f}")
     for name in RECORDS:
         without, beside = (_distance(file, name, *own) for own in ((CALIBRATED, ()), (point.values, point.effects)))
         print(f"{name}: {without:.3f} without the force, {beside:.3f} with it")
