@@ -79,9 +79,9 @@ LOOKS: tuple[Any, Any] = ((0, (3, 2)), "-")  # of their lines
 DRAWN = ("linear", "power_law_damping + softening + cubic_stiffness + residual_compliance")
 LEGEND_ROOM = 1.25  # height of an axis over that of its curves  [1]
 CALIBRATED = {  # of study.joint.toml, by `calib run`
-    "mass": 1.87286, "stiffness": 477740.5, "damping": 2.79363,
-    "power_damping": 156.9188, "power_exponent": 2.683676,
-    "kx": -2.19854e+07, "k3": 8.534062e+10, "residual_compliance": -6.90189e-06,
+    "mass": 1.86699, "stiffness": 476245.5, "damping": 2.79107,
+    "power_damping": 156.9756, "power_exponent": 2.681665,
+    "kx": -2.20421e+07, "k3": 8.560452e+10, "residual_compliance": -6.97386e-06,
 }  # fmt: skip
 
 

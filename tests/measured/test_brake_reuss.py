@@ -18,7 +18,7 @@ from calib.records.response import complex_amplitude, sweeps
 from calib.study_file import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "brake_reuss" / "study.toml"
-LINEAR = {"mass": 2.188991, "stiffness": 557227.2, "damping": 7.924869}  # of `calib run`
+LINEAR = {"mass": 2.009253, "stiffness": 511439.2, "damping": 4.215311}  # of `calib run`
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +121,8 @@ def test_a_search_for_the_missing_force_is_one_for_odd_functions_over_the_measur
 def test_the_extended_study_predicts_what_was_held_out(file, forced):
     extended = load(STUDY.with_name("study.joint.toml"))
     for own, values, expected in (
-        (file, LINEAR, {"held": 0.2314, "between": 0.1600, "driven": 0.1570}),
-        (extended, forced.CALIBRATED, {"held": 0.0142, "between": 0.0155, "driven": 0.0283}),
+        (file, LINEAR, {"held": 0.2167, "between": 0.2108, "driven": 0.2529}),
+        (extended, forced.CALIBRATED, {"held": 0.0142, "between": 0.0152, "driven": 0.0284}),
     ):
         for name, distance in expected.items():
             reference = own.reference(name)
