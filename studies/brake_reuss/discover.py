@@ -3,7 +3,7 @@
     python studies/brake_reuss/discover.py
 
 The search is that of `calib discover`, cut short by a budget after the free functions. Printed: what is found, its
-describing function with the calibrated damping, and the distance of `frequency_response` without and with the force on
+describing function, and the distance of `frequency_response` without and with the force on
 all points of the fitted levels and of the seven that were held out.
 """
 
@@ -54,11 +54,10 @@ def main() -> None:
     point = found.chosen.fitted.fit.point
     own = result.describing_function
     if own is not None:
-        print(
-            "amplitude [mm]  stiffness of the force over the mass [1/s^2]  damping, the calibrated one included [N s/m]"
-        )
+        print("but for constants that calibration absorbs:")
+        print("amplitude [mm]  stiffness of the force over the mass [1/s^2]  damping of the force [N s/m]")
         for amplitude, stiffness, damping in zip(own.amplitudes, own.stiffness, own.damping, strict=True):
-            print(f"{1e3 * amplitude:14.3f}  {stiffness:44.0f}  {point.values['damping'] + MASS * damping:43.1f}")
+            print(f"{1e3 * amplitude:14.3f}  {stiffness:44.0f}  {MASS * damping:27.1f}")
     for name in RECORDS:
         without, beside = (_distance(file, name, *own) for own in ((CALIBRATED, ()), (point.values, point.effects)))
         print(f"{name}: {without:.3f} without the force, {beside:.3f} with it")
