@@ -10,6 +10,7 @@ from calib.records import is_response
 from calib.records.cycles import WITHOUT_KIND
 from calib.records.decay import FREE_DECAY
 from calib.records.excitation import Excitation
+from calib.records.held_response import is_held
 from calib.report.formatting import number, percent, quantity
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.decay import decay_curves
@@ -34,6 +35,11 @@ IMPACTS = " Triangles and dashed lines mark impacts in the simulation."
 RESPONSE = (
     "Amplitude and phase over the frequency of the excitation, a colour a level: measured points, and the stable "
     "motions that sweeps of these levels and directions run through. Triangles point in the direction of the sweep."
+)
+HELD_RESPONSE = (
+    "Amplitude and phase over the frequency of the excitation, a colour for each amplitude that was held: measured "
+    "points, and the motions at these amplitudes. Amplitudes are those at one level a sweep, in proportion to the one that was "
+    "held; as measured, the level changed from point to point in its place."
 )
 RESPONSE_RESIDUAL = (
     "Distance from each measured point to the nearest one of the simulated curve, in standard uncertainties: in "
@@ -120,7 +126,13 @@ def record_section(
     impacts = IMPACTS if aligned is not None and impact_times(aligned).size else ""
     drawn, bound = _drawn_bodies(measured, aligned)
     figures = (
-        [pictured(response_over_frequency(drawn, None if aligned is None else simulated), f"response-{name}", RESPONSE)]
+        [
+            pictured(
+                response_over_frequency(drawn, None if aligned is None else simulated),
+                f"response-{name}",
+                HELD_RESPONSE if is_held(measured) else RESPONSE,
+            )
+        ]
         if response
         else [
             pictured(phase_curves(drawn, aligned, without), f"loop-{name}", PHASE_CURVE + impacts + bound),
