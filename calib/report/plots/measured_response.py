@@ -51,7 +51,8 @@ def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) 
             upper.set_ylim(0.0, None)
             lower.set_ylabel("Phase [deg]")
         grid[-1].set_xlabel("Frequency of the excitation [Hz]")
-        stable = Line2D([], [], color=LINE, linewidth=1.1, label="simulated" if is_held(measured) else "simulated, stable")
+        label = "simulated" if is_held(measured) else "simulated, stable"
+        stable = Line2D([], [], color=LINE, linewidth=1.1, label=label)
         sweep_legend(figure, measured, *([] if simulated is None else [stable]))
     return figure
 
