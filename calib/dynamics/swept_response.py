@@ -60,7 +60,7 @@ def swept_curves(
         place=excitation.place, quantity=excitation.quantity,
     ).assign(piece=("point", np.repeat(np.arange(float(len(own))), count)))  # fmt: skip
     record = model.measured_response(record, values)
-    return _at_levels_of(measured, record) if is_held(measured) else record, motions.curves
+    return _at_levels_of(measured, record) if is_held(measured) else record, dict(motions.curves)
 
 
 def _at_levels_of(measured: xr.Dataset, simulated: xr.Dataset) -> xr.Dataset:

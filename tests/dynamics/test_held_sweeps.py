@@ -1,5 +1,6 @@
 """Sweeps at a held amplitude: against a closed form and another integrator, and as a calibration meets them."""
 
+import pickle
 import re
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ from scipy.integrate import solve_ivp
 from calib.dynamics.held_sweeps import held_sweeps
 from calib.dynamics.setting import Setting
 from calib.dynamics.swept_motions import NOT_HELD, swept_motions
-from calib.dynamics.swept_response import swept_response
+from calib.dynamics.swept_response import swept_curves, swept_response
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.effects.linear_drag import EFFECT as LINEAR_DRAG
 from calib.effects.presliding import EFFECT as PRESLIDING
@@ -96,6 +97,13 @@ def test_what_is_held_is_what_is_measured(effect, own):
     (stretch,) = motions(model, values, record).stretches
     read = np.abs(complex_amplitude(found))[0] * stretch.level / record.level.values[0]
     np.testing.assert_allclose(read, 12e-3, rtol=1e-6)
+
+
+def test_what_a_simulation_returns_crosses_to_another_process():
+    found, curves = swept_curves(Model(Oscillator()), VALUES, FORCE, held(2e-3))
+    again, others = pickle.loads(pickle.dumps((found, curves)))
+    assert again.identical(found)
+    assert others == curves == {}
 
 
 def test_a_joint_that_slides_is_held_too():
