@@ -100,6 +100,12 @@ class RecordSection:
     rms: tuple[ChannelMisfitRow, ...]
 
 
+def _response_picture(name: str, measured: xr.Dataset, simulated: xr.Dataset | None) -> Picture | None:
+    """Picture of a measured response with what was simulated."""
+    caption = HELD_RESPONSE if is_held(measured) else RESPONSE
+    return pictured(response_over_frequency(measured, simulated), f"response-{name}", caption)
+
+
 def record_section(
     study: CalibrationStudy,
     name: str,
@@ -126,13 +132,7 @@ def record_section(
     impacts = IMPACTS if aligned is not None and impact_times(aligned).size else ""
     drawn, bound = _drawn_bodies(measured, aligned)
     figures = (
-        [
-            pictured(
-                response_over_frequency(drawn, None if aligned is None else simulated),
-                f"response-{name}",
-                HELD_RESPONSE if is_held(measured) else RESPONSE,
-            )
-        ]
+        [_response_picture(name, drawn, None if aligned is None else simulated)]
         if response
         else [
             pictured(phase_curves(drawn, aligned, without), f"loop-{name}", PHASE_CURVE + impacts + bound),
