@@ -57,19 +57,17 @@ def modulus(amplitude: LevelCurve, read: ReadHarmonic | None = None, share: floa
     """
 
     def condition(first: complex, frequency: float, level: float) -> HarmonicCondition:
-        measured, turned, by_frequency, by_level = first, 1.0 + 0.0j, 0.0, 0.0
+        measured, turned, moved, of_level = first, 1.0 + 0.0j, 0.0j, 0.0j
         if read is not None:
             measured, turned = read(first, frequency, level), complex(read.motion(frequency))
+            moved, of_level = read(first, frequency, level, 1), complex(read.level(frequency))
         if not measured:
             return HarmonicCondition(-math.inf, lambda change: np.full(change.shape, np.nan))
-        if read is not None:
-            by_frequency = (read(first, frequency, level, 1) / measured).real
-            by_level = (complex(read.level(frequency)) / measured).real
         return HarmonicCondition(
             math.log(abs(measured) / (share * amplitude(frequency))),
             lambda change: (turned * change / measured).real,
-            by_frequency - amplitude.logarithmic_slope(frequency),
-            by_level,
+            (moved / measured).real - amplitude.logarithmic_slope(frequency),
+            (of_level / measured).real,
         )
 
     return condition

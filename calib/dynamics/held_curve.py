@@ -273,8 +273,8 @@ class HeldBalance:
         return moved, level * abs(factor)
 
     def followed(
-        self, condition: Condition, begin: tuple[np.ndarray, float, float], vary: int, most: int,
-        ) -> HeldBranch:  # fmt: skip
+        self, condition: Condition, begin: tuple[np.ndarray, float, float], vary: int, most: int
+    ) -> HeldBranch:
         """Curve from a motion.
 
         Parameters

@@ -36,7 +36,7 @@ class LevelCurve:
             self.constant = float(level[0]) if np.ptp(level) <= SAME_LEVEL * level[0] else math.exp(values[0])
             return
         self._low, self._high = float(known[0]), float(known[-1])
-        self._curve = PchipInterpolator(known, values)
+        self._curve = PchipInterpolator(known, self._smoothed(known, values))
         self._slope = self._curve.derivative()
 
     def __call__(self, frequency: float) -> float:
@@ -50,7 +50,17 @@ class LevelCurve:
     def _logarithm(self, frequency: float) -> tuple[float, float]:
         inside = min(max(frequency, self._low), self._high)
         slope = float(self._slope(inside))
+        if inside != frequency:
+            slope = self._slope_beyond(inside, slope)
         return math.exp(float(self._curve(inside)) + slope * (frequency - inside)), slope
+
+    def _smoothed(self, frequency: np.ndarray, logarithms: np.ndarray) -> np.ndarray:
+        """Logarithms (k,) of the levels at frequencies (k,) through which the curve runs: the measured ones."""
+        return logarithms
+
+    def _slope_beyond(self, frequency: float, slope: float) -> float:
+        """Slope with which the logarithm goes on beyond an end [Hz]: the one there  [1/Hz]."""
+        return slope
 
 
 class HeldAmplitude(LevelCurve):
@@ -63,23 +73,14 @@ class HeldAmplitude(LevelCurve):
     frequency, level : (n,) readings  [Hz], [m]
     """
 
-    def __init__(self, frequency: np.ndarray, level: np.ndarray) -> None:
-        super().__init__(frequency, level)
-        if self.constant is not None:
-            return
-        known, values = _means(frequency, level)
-        if known.size >= MIN_SMOOTHED_READINGS:
-            smooth = make_smoothing_spline(np.log(known), values)
-            self._curve = PchipInterpolator(known, smooth(np.log(known)))
-            self._slope = self._curve.derivative()
+    def _smoothed(self, frequency: np.ndarray, logarithms: np.ndarray) -> np.ndarray:
+        if frequency.size < MIN_SMOOTHED_READINGS:
+            return logarithms
+        place = np.log(frequency)
+        return np.asarray(make_smoothing_spline(place, logarithms)(place))
 
-    def _logarithm(self, frequency: float) -> tuple[float, float]:
-        inside = min(max(frequency, self._low), self._high)
-        value, slope = float(self._curve(inside)), float(self._slope(inside))
-        if inside == frequency:
-            return math.exp(value), slope
-        power = min(max(slope * inside, POWERS_BEYOND[0]), POWERS_BEYOND[1])
-        return math.exp(value + power / inside * (frequency - inside)), power / inside
+    def _slope_beyond(self, frequency: float, slope: float) -> float:
+        return min(max(slope * frequency, POWERS_BEYOND[0]), POWERS_BEYOND[1]) / frequency
 
 
 def _means(frequency: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

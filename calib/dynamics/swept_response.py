@@ -11,7 +11,7 @@ from calib.dynamics.swept_paths import KnownSweeps
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
 from calib.records.held_response import is_held
-from calib.records.response import complex_amplitude, make_response, sweeps, with_amplitude
+from calib.records.response import complex_amplitude, make_response, median_of_sweeps, with_amplitude
 
 
 def swept_response(
@@ -65,7 +65,6 @@ def swept_curves(
 
 def _at_levels_of(measured: xr.Dataset, simulated: xr.Dataset) -> xr.Dataset:
     """Put a response at the one level that each sweep of a measured one is at."""
-    of_sweep = {sweep: float(measured["level"].values[points[0]]) for sweep, points in sweeps(measured)}
-    level = np.array([of_sweep[sweep] for sweep in simulated["sweep"].values.tolist()])
+    level = median_of_sweeps(measured, measured["level"].values, simulated["sweep"].values)
     scaled = with_amplitude(simulated, complex_amplitude(simulated) * level / simulated["level"].values)
     return scaled.assign(level=simulated["level"].copy(data=level))

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from calib.records.held_response import is_held
-from calib.records.response import HELD, HELD_AMPLITUDE, PARTS, complex_amplitude, sweeps, tolerances
+from calib.records.response import HELD, HELD_AMPLITUDE, PARTS, complex_amplitude, median_of_sweeps, tolerances
 
 
 def compared_amplitude(record: xr.Dataset) -> np.ndarray:
@@ -58,6 +58,4 @@ def in_standard_uncertainties(record: xr.Dataset) -> xr.Dataset:
 
 def _held_amplitude(sweep: np.ndarray, measured: xr.Dataset) -> np.ndarray:
     """Median amplitude (n,) that was held in the sweep of each point  [m]."""
-    held = measured[HELD_AMPLITUDE].values
-    median = {number: float(np.median(held[points])) for number, points in sweeps(measured)}
-    return np.array([median[number] for number in sweep.tolist()])
+    return median_of_sweeps(measured, measured[HELD_AMPLITUDE].values, sweep)

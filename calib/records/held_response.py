@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, sweeps, with_amplitude
+from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, median_of_sweeps, sweeps, with_amplitude
 
 MAX_UNSTEADINESS = 0.1  # of an amplitude that is held: rms deviation over the mean  [1]
 
@@ -54,9 +54,7 @@ def at_one_level(record: xr.Dataset, body: str) -> xr.Dataset:
     levels, omega = record["level"].values, 2.0 * np.pi * record["frequency"].values
     kinds = held * omega ** np.arange(3)[:, None]  # displacement, velocity, acceleration
     kept = kinds[int(np.argmin(np.sum([_variation(kinds[:, points]) for _, points in sweeps(record)], axis=0)))]
-    level = np.empty_like(levels)
-    for _, points in sweeps(record):
-        level[points] = np.median(levels / kept) * np.median(kept[points])
+    level = np.median(levels / kept) * median_of_sweeps(record, kept, record["sweep"].values)
     factor = level / levels
     unit = {"units": record["level"].attrs["units"]}
     scaled = with_amplitude(record, measured * factor).assign(

@@ -213,6 +213,12 @@ def sweeps(record: xr.Dataset) -> list[tuple[float, np.ndarray]]:
     return [(one, np.flatnonzero(number == one)) for one in dict.fromkeys(number.tolist())]
 
 
+def median_of_sweeps(record: xr.Dataset, values: np.ndarray, sweep: np.ndarray) -> np.ndarray:
+    """Median (n,) of values (point,) of a response over the sweep that each of the numbers `sweep` (n,) names."""
+    median = {number: float(np.median(values[points])) for number, points in sweeps(record)}
+    return np.array([median[number] for number in sweep.tolist()])
+
+
 def tolerances(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Standard uncertainties of a response: of its frequencies (point,) [Hz], of either part (body, point)  [m].
 

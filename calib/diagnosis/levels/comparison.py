@@ -77,9 +77,7 @@ class LevelledResponse:
     @cached_property
     def group(self) -> dict[float, int]:
         """Number of the level of each sweep."""
-        record = self.reference.record
-        record = record.assign(level=record[HELD_AMPLITUDE]) if self.held else record
-        groups = levels_of_sweeps(record)
+        groups = levels_of_sweeps(self.reference.record)
         return {number: int(groups[points[0]]) for number, points in self.points.items()}
 
     def peaks(self, amplitude: np.ndarray) -> dict[float, Peak]:
