@@ -23,7 +23,6 @@ from calib.records.response import sweeps
 
 NOT_PERIODIC = "not periodic"  # status of a response one of whose sweeps meets no periodic motion
 NOT_HELD = "not held"  # the same where no motion has the amplitude that was held
-IMPOSSIBLE_VALUE = "impossible value"  # the same where nothing could move
 
 
 class Stretch(NamedTuple):
@@ -95,7 +94,7 @@ def swept_motions(
     try:
         bodies = tuple(sampled(setting, setting.map()).bodies)
     except ValueError as error:  # nothing that could move
-        return SweptMotions(tuple(model.bodies), failure=(IMPOSSIBLE_VALUE, str(error)))
+        return SweptMotions(tuple(model.bodies), failure=("impossible value", str(error)))
     if is_held(measured):
         return _at_held_amplitude(setting, bodies, measured, highest)
     stretches, jumps, curves = list[Stretch](), list[str](), dict[float, SeriesStretch]()

@@ -1,8 +1,6 @@
 """Describing function of a force that was found: its first harmonic under a harmonic motion, over the amplitude.
 
-With x = a cos tau and v = -a omega sin tau, the force per unit mass f(x, v) has the equivalent stiffness
--<2 f cos tau> / a and the equivalent damping <2 f sin tau> / (a omega), means over a period (Gelb & Vander Velde,
-Multiple-Input Describing Functions and Nonlinear System Design, 1968, section 2.2).
+Equivalent stiffness and damping: see `calib.diagnosis.equivalent_linearisation`.
 """
 
 import math
@@ -13,8 +11,9 @@ from calib.diagnosis.discovery.document import DescribingFunctionResult
 from calib.diagnosis.discovery.formula import Formula
 from calib.diagnosis.discovery.free_force import DISPLACEMENT, VELOCITY
 from calib.diagnosis.discovery.outcome import Discovery
+from calib.diagnosis.equivalent_linearisation import INSTANTS, TAU, equivalent_weights
 
-AMPLITUDES, INSTANTS = 12, 256  # up to the largest that is visited; of a period  [count]
+AMPLITUDES = 12  # up to the largest that is visited  [count]
 
 
 def describing_function(discovery: Discovery) -> DescribingFunctionResult | None:
@@ -28,12 +27,9 @@ def describing_function(discovery: Discovery) -> DescribingFunctionResult | None
     largest, fastest = (float(np.abs(own).max()) for own in (states.x, states.v))
     omega = fastest / largest
     amplitudes = largest * np.arange(1, AMPLITUDES + 1) / AMPLITUDES
-    tau = 2.0 * math.pi * np.arange(INSTANTS) / INSTANTS
-    x = np.multiply.outer(amplitudes, np.cos(tau)).ravel()
-    v = np.multiply.outer(amplitudes, -omega * np.sin(tau)).ravel()
-    stiffness = -2.0 * np.cos(tau) / (INSTANTS * amplitudes[:, None])
-    damping = 2.0 * np.sin(tau) / (INSTANTS * omega * amplitudes[:, None])
-    weights = np.stack([stiffness, damping])  # (2, amplitude, instant)
+    x = np.multiply.outer(amplitudes, np.cos(TAU)).ravel()
+    v = np.multiply.outer(amplitudes, -omega * np.sin(TAU)).ravel()
+    weights = equivalent_weights(amplitudes, omega)
 
     def averaged(values: np.ndarray) -> np.ndarray:
         """Both means (2 * amplitude, k) of values (amplitude * instant, k)."""

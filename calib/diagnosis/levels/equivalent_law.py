@@ -1,27 +1,17 @@
-"""Equivalent damping and stiffness of a force law: the first harmonic of its force under a harmonic motion.
-
-With x = a cos tau and v = -a omega sin tau the force per unit mass f has the equivalent stiffness -<2 f cos tau> / a
-and the equivalent damping <2 f sin tau> / (a omega), means over a period (Gelb & Vander Velde, Multiple-Input
-Describing Functions and Nonlinear System Design, 1968, section 2.2).
-"""
+"""Equivalent damping and stiffness of a force law, by `calib.diagnosis.equivalent_linearisation`."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from calib.diagnosis.equivalent_linearisation import INSTANTS, equivalent_weights
 from calib.modelling.laws import STATES, BoundLaw
 
-LAW_INSTANTS = 256  # of a period  [count]
 MAX_LAW_PERIODS = 12  # until internal states repeat  [count]
 MAX_PERIOD_CHANGE = 1e-3  # of internal states that repeat, from one period to the next, over the largest  [1]
 MIN_HARMONIC_SHARE = 1e-3  # of a harmonic of the force that counts, over its rms  [1]
-RUNGE_KUTTA_STAGES = (
-    (0.0, 0),
-    (0.5, 1),
-    (0.5, 1),
-    (1.0, 2),
-)  # of Runge and Kutta's method: share, half steps of the motion
+RUNGE_KUTTA_STAGES = ((0.0, 0), (0.5, 1), (0.5, 1), (1.0, 2))  # share of a step [1], half steps of the motion [count]
 
 
 @dataclass(frozen=True)
@@ -57,29 +47,29 @@ def equivalent_law(law: BoundLaw, amplitude: np.ndarray, omega: float) -> Equiva
     None where its internal states do not repeat, or the force is not finite. Harmonics that are rounding beside the
     force count as zero.
     """
-    tau = 2.0 * math.pi * np.arange(LAW_INSTANTS) / LAW_INSTANTS
     damping, stiffness = np.zeros((2, amplitude.size))
+    weights = equivalent_weights(amplitude, omega)
     for index, own in enumerate(amplitude.tolist()):
         force = _forces(law, own, omega)
         if force is None or not np.isfinite(force).all():
             return None
         least = MIN_HARMONIC_SHARE * math.sqrt(float(np.mean(force**2)))
-        cosine, sine = (2.0 * float(np.mean(force * part)) for part in (np.cos(tau), np.sin(tau)))
-        stiffness[index] = -cosine / own if abs(cosine) > least else 0.0
-        damping[index] = sine / (own * omega) if abs(sine) > least else 0.0
+        k, c = (weights[:, index] @ force).tolist()
+        stiffness[index] = k if abs(k) * own > least else 0.0
+        damping[index] = c if abs(c) * own * omega > least else 0.0
     return EquivalentLaw(amplitude, damping, stiffness)
 
 
 def _forces(law: BoundLaw, amplitude: float, omega: float) -> np.ndarray | None:
-    """Force (LAW_INSTANTS,) over a period, whose internal states repeat; None where they do not."""
-    halves = math.pi * np.arange(2 * LAW_INSTANTS + 1) / LAW_INSTANTS
+    """Force (INSTANTS,) over a period, whose internal states repeat; None where they do not."""
+    halves = math.pi * np.arange(2 * INSTANTS + 1) / INSTANTS
     x, v = (amplitude * np.cos(halves)).tolist(), (-amplitude * omega * np.sin(halves)).tolist()
-    h = 2.0 * math.pi / omega / LAW_INSTANTS
+    h = 2.0 * math.pi / omega / INSTANTS
     z, rates = np.zeros(STATES), np.zeros((len(RUNGE_KUTTA_STAGES), STATES))
-    force = np.zeros(LAW_INSTANTS)
+    force = np.zeros(INSTANTS)
     for _ in range(MAX_LAW_PERIODS if law.states else 1):
         before, largest = z.copy(), np.zeros(STATES)
-        for k in range(LAW_INSTANTS):
+        for k in range(INSTANTS):
             for stage, (share, half) in enumerate(RUNGE_KUTTA_STAGES if law.states else RUNGE_KUTTA_STAGES[:1]):
                 at, here = 2 * k + half, z + share * h * rates[stage - 1] if stage else z
                 answer = law.function((k + 0.5 * half) * h, x[at], v[at], law.p, here, rates[stage])
