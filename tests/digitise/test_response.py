@@ -12,6 +12,7 @@ from PIL import Image
 
 from calib.cli import main
 from calib.digitise import digitise
+from calib.digitise.importers.imported import CLICK_SIGMA
 from calib.errors import CalibError
 from calib.records import read
 from calib.records.response import complex_amplitude, has_phase, sweeps
@@ -254,3 +255,57 @@ def test_a_phase_that_begins_anew_at_the_other_end_of_its_axis_is_interpolated_a
     own, at = complex_amplitude(record)[0], record.frequency.values
     expected = np.deg2rad(-20.0 * (at - 10.0) - 85.0)
     assert np.abs(np.angle(own * np.exp(-1j * expected))).max() < np.deg2rad(0.5)
+
+
+# --- documents of Engauge
+
+DECADE, COLUMNS = 120.0, 200.0  # pixels: of a decade of the amplitude, of 1 Hz
+
+
+def clicked_document(amplitudes, lags):
+    """Write what Engauge keeps of curves clicked over a linear and a logarithmic axis: {name: (frequency, value)}."""
+
+    def point(frequency, height, graph=""):
+        x, y = 40.0 + COLUMNS * (frequency - 2.0), 400.0 - DECADE * height
+        return f'<Point><PositionScreen X="{x:.12g}" Y="{y:.12g}"/>{graph}</Point>'
+
+    def system(scale, curves, heights, axis):
+        on_axes = [
+            point(f, heights(value), f'<PositionGraph X="{f}" Y="{value}"/>')
+            for f, value in ((2.0, axis[0]), (5.0, axis[0]), (2.0, axis[1]))
+        ]
+        parts = [
+            f'<CoordSystem><Coords TypeString="Cartesian" ScaleXThetaString="Linear" ScaleYRadiusString="{scale}" '
+            'UnitsXString="Number" UnitsYString="Number"/>',
+            f'<Curve CurveName="Axes"><CurvePoints>{"".join(on_axes)}</CurvePoints></Curve><CurvesGraphs>',
+        ]
+        for name, (frequency, value) in curves.items():
+            points = "".join(point(f, heights(v)) for f, v in zip(frequency, value, strict=True))
+            parts.append(f'<Curve CurveName="{name}"><CurvePoints>{points}</CurvePoints></Curve>')
+        return "".join([*parts, "</CurvesGraphs></CoordSystem>"])
+
+    upper = system("Log", amplitudes, np.log10, (0.1, 100.0))
+    lower = system("Linear", lags, lambda value: value / 60.0, (-180.0, 0.0))
+    return f'<Document VersionNumber="12.1" AxesPointsRequired="0">{upper}{lower}</Document>'
+
+
+def test_a_document_of_engauge_over_a_logarithmic_axis_becomes_a_response(tmp_path):
+    frequency, between = np.linspace(2.5, 4.0, 16), np.linspace(2.45, 4.05, 17)
+    curves = {f"{level} N": (frequency, 1e3 * abs(displacement(frequency, level))) for level in (0.2, 1.0)}
+    lag = {"lag": (between, np.degrees(np.angle(displacement(between, 1.0))))}
+    (tmp_path / "figure.dig").write_text(clicked_document(curves, lag))
+    spec = SPEC[: SPEC.index("[[curve]]")]
+    for level in (0.2, 1.0):
+        for kind, name, unit in (("amplitude", f"1: {level} N", "mm"), ("phase", "2: lag", "deg")):
+            spec += f'[[curve]]\nbody = "mass"\nkind = "{kind} over frequency"\nname = "{name}"\n'
+            spec += f'units = ["Hz", "{unit}"]\nlevel = "{level} N"\n'
+    (tmp_path / "figure.toml").write_text(spec)
+    record = digitise(tmp_path / "figure.dig", tmp_path / "figure.toml").record
+    truth = displacement(record.frequency.values, record.level.values)
+    np.testing.assert_allclose(np.abs(complex_amplitude(record)[0]), np.abs(truth), rtol=1e-9)
+    slope = np.abs(np.gradient(np.angle(displacement(frequency, 1.0)), frequency)).max()
+    assert np.abs(np.angle(complex_amplitude(record)[0] / truth)).max() < 0.05 * slope  # linear from click to click
+    click = record.response_sigma.values[0] / np.abs(truth)  # of one pixel, on this axis a share of the amplitude
+    assert click.min() == pytest.approx(np.log(10.0) / DECADE * CLICK_SIGMA, rel=0.15)
+    assert click.max() < 2.5 * click.min()  # at the resonance, where the phase is steep between the clicks
+    assert record.frequency_sigma.values == pytest.approx(CLICK_SIGMA / COLUMNS, rel=0.5)
