@@ -308,4 +308,5 @@ def test_a_document_of_engauge_over_a_logarithmic_axis_becomes_a_response(tmp_pa
     click = record.response_sigma.values[0] / np.abs(truth)  # of one pixel, on this axis a share of the amplitude
     assert click.min() == pytest.approx(np.log(10.0) / DECADE * CLICK_SIGMA, rel=0.15)
     assert click.max() < 2.5 * click.min()  # at the resonance, where the phase is steep between the clicks
-    assert record.frequency_sigma.values == pytest.approx(CLICK_SIGMA / COLUMNS, rel=0.5)
+    across = record.frequency_sigma.values * COLUMNS / CLICK_SIGMA  # more than one click's: those of the axes err too
+    assert ((across > 1.0) & (across < 2.0)).all()
