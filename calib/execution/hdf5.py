@@ -30,7 +30,7 @@ def refuse_other_files(path: Path) -> None:
     with h5py.File(path, "r") as file:
         for name in file:
             where = f"{path}: {name}"
-            if isinstance(_in_the_file(file, name, where), h5py.Group):
+            if isinstance(entry(file, name, where), h5py.Group):
                 raise CalibError(f"{where}: expected variables only, got a group; move its variables to the root")
 
 
@@ -55,23 +55,38 @@ def stored_datasets(file: h5py.File, path: Path) -> Iterator[tuple[str, h5py.Dat
         if len(visited) > MAX_GROUPS:
             raise CalibError(f"{path}: expected at most {MAX_GROUPS} groups")
         for name in group:
-            entity = _in_the_file(group, name, f"{path}: {prefix}{name}")
+            entity = entry(group, name, f"{path}: {prefix}{name}")
             if isinstance(entity, h5py.Group):
                 todo.append((f"{prefix}{name}/", entity))
             elif isinstance(entity, h5py.Dataset):
                 yield f"{prefix}{name}", entity
 
 
-def _in_the_file(group: h5py.Group, name: str, where: str) -> object:
-    """Return an entry of a group, whose data lie in the file itself."""
+def entry(group: h5py.Group, name: str, where: str) -> object:
+    """Return an entry of a group, whose data lie in the file itself.
+
+    Raises
+    ------
+    CalibError : a link that is not a plain one, or data that lie in other files
+    """
     link = group.get(name, getlink=True)
     if not isinstance(link, h5py.HardLink):
         kind = KINDS.get(type(link), "a link of another kind")
         raise CalibError(f"{where}: expected data in the file itself, got {kind}; {REMEDY}")
     entity = group[name]
     if isinstance(entity, h5py.Dataset):
-        if entity.is_virtual:
-            raise CalibError(f"{where}: expected data in the file itself, got a virtual dataset; {REMEDY}")
-        if entity.external:
-            raise CalibError(f"{where}: expected data in the file itself, got external storage; {REMEDY}")
+        check_own_data(entity, where)
     return entity
+
+
+def check_own_data(dataset: h5py.Dataset, where: str) -> None:
+    """Check that the data of a dataset lie in the file itself.
+
+    Raises
+    ------
+    CalibError : they lie in other files
+    """
+    if dataset.is_virtual:
+        raise CalibError(f"{where}: expected data in the file itself, got a virtual dataset; {REMEDY}")
+    if dataset.external:
+        raise CalibError(f"{where}: expected data in the file itself, got external storage; {REMEDY}")

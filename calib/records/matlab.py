@@ -1,8 +1,9 @@
-"""The vectors of a MATLAB v5 file."""
+"""The vectors of a MATLAB file, of version 5 or 7.3."""
 
 import io
 import zlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,11 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from calib.errors import CalibError
+from calib.execution.apart import read_apart
+from calib.execution.interrupt import uninterrupted
 from calib.execution.netcdf import UNREADABLE
 from calib.records.matlab_elements import readable_variables
+from calib.records.matlab_hdf5 import hdf5_variables, is_hdf5
 from calib.records.sheet import Cells, Sheet
 
 # what scipy raises on content that it cannot decode
@@ -20,35 +24,45 @@ MAX_MATRIX_COLUMNS = 1000  # of a matrix, that are columns of a sheet
 
 
 def read_matlab(path: Path, content: bytes) -> Sheet:
-    """Return the vectors of numbers of a MATLAB v5 file by name, as `matlab_arrays` names them.
+    """Return the vectors of numbers of a MATLAB file by name, as `matlab_arrays` names them.
 
     The columns of a matrix are "x(:,2)", the parts of complex numbers "real(x)" and "imag(x)".
 
     Raises
     ------
-    CalibError : not a readable MATLAB v5 file
+    CalibError : not a readable MATLAB file, or more than 1 GiB of variables
     """
-    arrays = matlab_arrays(path, content)
+    if is_hdf5(content):
+        try:
+            with uninterrupted():
+                arrays = read_apart(partial(matlab_arrays, path, content), path)
+        except OSError as error:
+            raise CalibError(f"{path}: not a readable MATLAB 7.3 file ({error})") from error
+    else:
+        arrays = matlab_arrays(path, content)
     columns: dict[str | int, Cells] = {key: column for n, v in arrays.items() for key, column in _columns(n, v)}
     return Sheet(path, columns, None, unfit={n: _described(n, v) for n, v in arrays.items() if n not in columns})
 
 
 def matlab_arrays(path: Path, content: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays of a MATLAB v5 file by name; those in cells and structures as MATLAB names them.
+    """Return the arrays of a MATLAB file by name; those in cells and structures as MATLAB names them.
 
     That is "x{3,2}" for a cell, "s.force" for the field of a structure, "s(2).force" for that of the second structure
     in a row or column of them, and so on within one another.
 
     Raises
     ------
-    CalibError : not a readable MATLAB v5 file, or more than 1 GiB of variables
+    CalibError : not a readable MATLAB file, or more than 1 GiB of variables
     """
+    hdf5 = is_hdf5(content)
     try:
-        variables = loadmat(io.BytesIO(content), variable_names=readable_variables(content))
-    except NotImplementedError as error:
-        raise CalibError(f"{path}: MATLAB 7.3 files are not read; save it with `save -v7`") from error
+        variables = (
+            hdf5_variables(str(path), content)
+            if hdf5
+            else loadmat(io.BytesIO(content), variable_names=readable_variables(content))
+        )
     except DAMAGED as error:
-        raise CalibError(f"{path}: not a readable MATLAB v5 file ({error})") from error
+        raise CalibError(f"{path}: not a readable MATLAB {'7.3' if hdf5 else 'v5'} file ({error})") from error
     named = ((name, value) for name, value in variables.items() if isinstance(value, np.ndarray))
     return dict(part for name, value in named for part in _within(name, value))
 

@@ -107,6 +107,8 @@ class Sheet:
         names = [c for c in self.columns if isinstance(c, str)]
         size = sum(isinstance(c, int) for c in self.columns)
         known = f"the columns are {names}" if names else f"the file has no header, only columns 1 to {size}"
+        if not self.columns:
+            known = f"it has no columns; it holds {list(self.unfit)}"
         if names and isinstance(column, int):
             known = f"the table has {size} columns: {names}" if size else f"its columns have names: {names}"
         raise UnknownColumn(

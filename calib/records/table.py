@@ -1,4 +1,4 @@
-"""A measured table (delimited text, JSON or MATLAB v5) as a record."""
+"""A measured table (delimited text, JSON or MATLAB) as a record."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -75,7 +75,7 @@ class Table:
 
     Attributes
     ----------
-    path : a MATLAB v5 file (.mat), a JSON file (.json) that is a list of rows or holds one, or delimited text (comma,
+    path : a MATLAB file (.mat), a JSON file (.json) that is a list of rows or holds one, or delimited text (comma,
         semicolon, tab or blanks; with or without a header line). A column's name is that of the header or, in a MATLAB
         file and in MATLAB's own notation, that of a vector, alone, in a cell array or in a structure, or of a column of
         a matrix: ``"x"``, ``"x{3,2}"``, ``"s(2).x"``, ``"x(:,2)"``

@@ -178,7 +178,7 @@ class TrackingTable(TomlTable):
 
 
 class TableTable(TomlTable):
-    """[record.table]: how a table file (delimited text, JSON, MATLAB v5) becomes a record."""
+    """[record.table]: how a table file (delimited text, JSON, MATLAB) becomes a record."""
 
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
     """Columns that are measured channels."""

@@ -1,7 +1,6 @@
 """The reader of HDF5 files."""
 
 import math
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -48,7 +47,6 @@ def stored_arrays(
     time: str | None,
     step: float | None,
     columns: Names | None,
-    is_data: Callable[[str, h5py.Dataset], bool] = lambda name, dataset: True,
 ) -> dict[str, np.ndarray]:
     """Return the arrays of real numbers that have the samples of time, and time itself, as they are stored.
 
@@ -57,7 +55,7 @@ def stored_arrays(
     CalibError : more than `MAX_DATASET_BYTES` in memory, no array that is time
     """
     with h5py.File(path, "r") as file:
-        return _arrays(file, path, time, step, columns, is_data)
+        return _arrays(file, path, time, step, columns)
 
 
 def _arrays(
@@ -66,12 +64,9 @@ def _arrays(
     time: str | None,
     step: float | None,
     columns: Names | None,
-    is_data: Callable[[str, h5py.Dataset], bool],
 ) -> dict[str, np.ndarray]:
     datasets = {
-        name: dataset
-        for name, dataset in stored_datasets(file, path)
-        if dataset.dtype.kind in REAL and dataset.shape and is_data(name, dataset)
+        name: dataset for name, dataset in stored_datasets(file, path) if dataset.dtype.kind in REAL and dataset.shape
     }
     own = None if step is not None else clock(path, datasets, time)
     is_chosen = chosen(path, columns, datasets)

@@ -3,31 +3,23 @@
 from functools import partial
 from pathlib import Path
 
-import h5py
-import numpy as np
-
 from calib.errors import CalibError
 from calib.execution.apart import read_apart
 from calib.execution.interrupt import uninterrupted
 from calib.execution.netcdf import MAX_DATASET_BYTES, UNREADABLE
 from calib.records.matlab import matlab_arrays
 from calib.simulators.command.readers.columns import Columns
-from calib.simulators.command.readers.hdf5 import stored_arrays
 from calib.simulators.command.readers.histories import Names
 from calib.simulators.command.readers.lines import check_size
 from calib.simulators.command.readers.rows import Step
 from calib.simulators.command.readers.series import columns_of_arrays
-
-INTERNAL = "#"  # begins the names of groups that MATLAB makes for itself
-TEXT = (b"char", "char")  # class of an array of characters, which is stored as numbers
 
 
 def read(path: Path, /, *, time: str | None = None, step: Step | None = None, columns: Names | None = None) -> Columns:
     """MATLAB's .mat, versions 5 to 7.3: variables with as many samples as time.
 
     A column is called by its variable, ``"tip"``, the place in a matrix, counted from 1 along what is not time,
-    ``"u[3]"``, or the place in a cell array: ``"x{3,2}"``. In a file of version 7.3 cells are not read, and a field of
-    a structure is called ``"out/tip"``.
+    ``"u[3]"``, the place in a cell array, ``"x{3,2}"``, or the field of a structure, ``"out.tip"``.
 
     Parameters
     ----------
@@ -42,17 +34,7 @@ def read(path: Path, /, *, time: str | None = None, step: Step | None = None, co
     check_size(path, MAX_DATASET_BYTES)
     try:
         with uninterrupted():
-            arrays = read_apart(partial(_arrays, path, time, step, columns), path)
+            arrays = read_apart(partial(matlab_arrays, path, path.read_bytes()), path)
     except UNREADABLE as error:
         raise CalibError(f"{path}: not a readable MATLAB file ({error}); did the program stop?") from error
     return columns_of_arrays(path, arrays, time, step, columns)
-
-
-def _arrays(path: Path, time: str | None, step: float | None, columns: Names | None) -> dict[str, np.ndarray]:
-    if not h5py.is_hdf5(path):
-        return matlab_arrays(path, path.read_bytes())
-    return {name: array.T for name, array in stored_arrays(path, time, step, columns, _is_data).items()}
-
-
-def _is_data(name: str, dataset: h5py.Dataset) -> bool:
-    return not name.startswith(INTERNAL) and dataset.attrs.get("MATLAB_class") not in TEXT
