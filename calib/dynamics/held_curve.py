@@ -26,6 +26,7 @@ from calib.dynamics.series_curve import (
 )
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
+from calib.modelling.modal_system import ModalSystem
 
 MIN_RAMP_STEP = 1 / 64  # of an amplitude that is to be held, where a curve begins  [1]
 MAX_LEVEL_EXPONENT = 700.0  # of a level: beyond it is no number  [1]
@@ -176,6 +177,24 @@ class HeldCurve:
         return f"{frequency:g} Hz, {level:g} {self.held.unit}"
 
 
+def held_system(setting: Setting, frequency: float, level: float) -> ModalSystem:
+    """Return the modal system of a setting, of which an amplitude or a phase can be held.
+
+    frequency, level : of the excitation  [Hz], [N or m]
+
+    Raises
+    ------
+    CalibError : the simulator tells none, or has forces that harmonic balance does not serve, or a drive with harmonics
+    """
+    system = modal_system(setting, frequency, level)
+    if system.distortion is not None:
+        raise CalibError(
+            "the drive has harmonics, beside which neither a phase nor an amplitude is held; leave out the effects "
+            "on the excitation"
+        )
+    return system
+
+
 class HeldBalance:
     """Harmonic balance that the curves of one body share, over windows of frequency and level."""
 
@@ -189,12 +208,7 @@ class HeldBalance:
         bodies = setting.map({FREQUENCY: window[0], AMPLITUDE: levels[1]}).bodies
         if body not in bodies:
             raise CalibError(f"no body {body!r}{nearest(body, bodies)}; there are {', '.join(bodies)}")
-        self.balance = HarmonicBalance(modal_system(setting, window[0], levels[1]), harmonics)
-        if self.balance.system.distortion is not None:
-            raise CalibError(
-                "the drive has harmonics, beside which neither a phase nor an amplitude is held; leave out the effects "
-                "on the excitation"
-            )
+        self.balance = HarmonicBalance(held_system(setting, window[0], levels[1]), harmonics)
         self.body, self.bodies, self.window, self.levels = body, tuple(bodies), window, levels
         self.unit = setting.unit(AMPLITUDE)
         self.per_unit = self.balance.system.amplitude / levels[1]

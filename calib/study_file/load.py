@@ -34,7 +34,7 @@ from calib.study_file.references import REQUEST_KEYS, digest, references
 from calib.study_file.schema import DiagnosisTable, OptimiserTable, StudyToml, TermTable
 from calib.study_file.stored_simulator import StoredSimulator
 from calib.study_file.terms import read_terms
-from calib.study_file.values_check import check_values
+from calib.study_file.values_check import check_responses, check_values
 from calib.units import to_si
 
 CONTRACT_ARGUMENTS = ("dim", "seed", "budget", "batch")  # of an optimiser; the rest are options of the user
@@ -180,6 +180,7 @@ def load(
         _check_driven(model, every.values(), mistakes)
     if model is not None and space is not None and complete:
         check_values(model, space, every.values(), mistakes)
+        check_responses(model, space, every, mistakes)
     mistakes.tell()
     with mistakes.at("term"):
         objective = Objective(calibrated, terms, elsewhere)

@@ -2,10 +2,15 @@
 
 from collections.abc import Iterable, Mapping
 
+from calib.dynamics.held_curve import held_system
+from calib.dynamics.response import AMPLITUDE, FREQUENCY
+from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.modelling.model import Model
 from calib.modelling.parameter import Space, values_for
 from calib.objective import Reference
+from calib.records.held_response import is_held
+from calib.records.response import is_response
 from calib.study_file.mistakes import Mistakes
 from calib.units import shown
 
@@ -42,3 +47,35 @@ def check_values(model: Model, space: Space, references: Iterable[Reference], mi
                     check({**start, name: value})
                 except CalibError as error:
                     raise CalibError(f"at {name} = {shown(value, unit)}: {error}") from error
+
+
+def check_responses(model: Model, space: Space, references: Mapping[str, Reference], mistakes: Mistakes) -> None:
+    """Note frequency responses that cannot be simulated: at the start, or at an end of a window.
+
+    That is without a period map, and where the amplitude was held without a modal system and a harmonic drive.
+
+    Parameters
+    ----------
+    references : of the records of the study, in their order
+    """
+    start = start_values(model, space)
+    ends = [{name: value} for name, window in space.windows.items() for value in (window.low, window.high)]
+    for index, reference in enumerate(references.values()):
+        if not is_response(reference.record):
+            continue
+        held = is_held(reference.record)
+        with mistakes.at("record", index, "excitation", *(("held",) if held else ())):
+            for end in ({}, *ends):
+                _check_simulated(
+                    Setting(model, reference.excitation, values_for({**start, **end}, reference.name)), held
+                )
+
+
+def _check_simulated(setting: Setting, held: bool) -> None:
+    try:
+        if held:
+            held_system(setting, setting.value(FREQUENCY), setting.value(AMPLITUDE))
+        else:
+            setting.map()
+    except ValueError:  # nothing could move: a trial that fails
+        return

@@ -1,5 +1,7 @@
 """Frequency responses that [record.table] states."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -116,3 +118,33 @@ def test_keys_of_a_response_are_refused_in_a_table_over_time(tmp_path):
     frequency = 'frequency = { column = "held(*).f", unit = "Hz", sigma = "0.01 Hz" }'
     with pytest.raises(CalibError, match="sweep is a key that a frequency response has, and this table has no"):
         load(study(tmp_path, (frequency, 'rate = "1 Hz"\nsweep = "n"')))
+
+
+HELD = ('unit = "mN"\n', 'unit = "mN"\nheld = "mass"\n')
+FIXED = "fixed = { mass = 1, stiffness = 400 }"
+DISTORTED = [
+    (FIXED, "fixed = { mass = 1, stiffness = 400, h3_sin = 0 }\n[[model.effects]]\nname = 'drive_harmonic_3'"),
+    ("[windows]\n", "[windows]\nh3_cos = { low = 0.0, high = 0.1 }\n"),
+]
+MAPLESS = [
+    (f'"oscillator"\n{FIXED}', '"shaken:Shaken"'),
+    ("damping = { low = 0.5, high = 2.0 }", "gain = { low = 0.1, high = 0.2 }"),
+]
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "message"),
+    [
+        ([HELD, *DISTORTED], "excitation.held", "the drive has harmonics, beside which neither a phase nor an ampl"),
+        ([HELD, *MAPLESS], "excitation.held", "no period map"),
+        (MAPLESS, "excitation", "no period map"),
+    ],
+)
+def test_what_no_simulation_answers_is_refused_when_the_study_is_read(tmp_path, changes, key, message):
+    (tmp_path / "shaken.py").write_text(
+        "from tiny_simulators import Echo\n"
+        "class Shaken(Echo):\n    name, excitations = 'shaken', (('force', 'mass'),)\n"
+    )
+    with pytest.raises(CalibError, match=rf"{re.escape(key)}: .*{message}"):
+        load(study(tmp_path, *changes))
+    load(study(tmp_path, *(DISTORTED if key == "excitation" else [HELD])))
