@@ -33,12 +33,14 @@ def test_the_tanks_with_their_effects_reach_a_fifth_of_a_volt(measured, tmp_path
 
 
 def test_the_silverbox_extrapolates_to_a_third_of_a_millivolt(measured, tmp_path):
-    measured("silverbox/SNLS80mV.csv")
+    for name in ("SNLS80mV", "Schroeder80mV"):
+        measured(f"silverbox/{name}.csv")
     found = rmse("silverbox", tmp_path)
     assert found["training"] == pytest.approx(0.232e-3, abs=0.01e-3)  # V
     assert found["test_multisine"] == pytest.approx(0.244e-3, abs=0.01e-3)
     assert found["test_arrow_inside"] == pytest.approx(0.248e-3, abs=0.01e-3)
     assert found["test_arrow"] == pytest.approx(0.306e-3, abs=0.02e-3)
+    assert found["swept"] == pytest.approx(0.482e-3, abs=0.02e-3)  # another form of input
 
 
 def test_the_free_carriage_drifts_by_millimetres(measured, tmp_path):
