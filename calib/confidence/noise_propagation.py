@@ -8,7 +8,8 @@ import xarray as xr
 
 from calib.errors import CalibError
 from calib.objective import Objective
-from calib.records import channels, with_channels
+from calib.records import channels, is_response, with_channels
+from calib.records.response import stated_sigma
 
 PROPAGATION_DRAWS = 100  # for a standard error of 7 % of each correlation that is estimated from them  [count]
 UNSTATED_NOISE_SHARE = 0.01  # of a channel's standard deviation: noise where the record states no uncertainty  [1]
@@ -56,8 +57,8 @@ def _noisy(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
     changed = {}
     for channel in channels(record):
         values = record[channel]
-        stated = [name for name in (f"{channel}_sigma", "response_sigma") if name in record]
-        size = record[stated[0]] if stated else UNSTATED_NOISE_SHARE * values.std(str(values.dims[-1]))
+        stated = _stated_sigma(record, channel)
+        size = record[stated] if stated else UNSTATED_NOISE_SHARE * values.std(str(values.dims[-1]))
         sizes = size.variable.set_dims(values.sizes).transpose(*values.dims).values
         changed[channel] = values.values + rng.standard_normal(values.shape) * sizes
     if "frequency_sigma" in record:
@@ -66,3 +67,11 @@ def _noisy(record: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
         drawn = frequency.values + rng.standard_normal(frequency.shape) * sizes
         record = record.assign(frequency=(frequency.dims, drawn, frequency.attrs))
     return with_channels(record, changed)
+
+
+def _stated_sigma(record: xr.Dataset, channel: str) -> str | None:
+    """Name of the standard uncertainty that a record states of a channel; None where it states none."""
+    if is_response(record):
+        return stated_sigma(record, channel)
+    name = f"{channel}_sigma"
+    return name if name in record else None

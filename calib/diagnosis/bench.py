@@ -17,7 +17,7 @@ from calib.modelling.parameter import values_for
 from calib.modelling.simulator import Request
 from calib.objective import FeatureValue, Objective, initial_state, simulations, trusted, with_initial_state
 from calib.objective.prepared_response import PreparedResponse
-from calib.objective.stable_stretches import read_at
+from calib.objective.stable_stretches import harmonics_at
 from calib.records import OK, prescribed
 from calib.records.cycles import IRREGULAR, kind_of_motion
 from calib.records.excitation import Excitation
@@ -94,7 +94,7 @@ class SimulatedRows:
         "" where neither holds, or neither was checked
     time : (n,) instants of the simulation where nothing was measured  [s]
     start : initial state, where that is a nuisance; None where it is none
-    read : (body, point) complex amplitudes that sweeps would read which are made instead of the record's  [m]
+    read : (order, body, point) complex amplitudes that sweeps would read which are made instead of the record's  [m]
     simulations : that it took
     status, reason : "ok", or why there are no rows
     """
@@ -110,7 +110,7 @@ class SimulatedRows:
     wrong: str = ""
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     start: Start | None = None
-    read: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), dtype=complex))
+    read: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0), dtype=complex))
     simulations: int = 1
     status: str = OK
     reason: str = ""
@@ -205,7 +205,7 @@ class Bench:
         failure = prepared.failure(record)
         if failure is not None and failure[0] != NOT_PERIODIC:
             return _failed(*failure)
-        read = np.full((1, 1), np.nan) if failure else read_at(record.sel(body=stepped.body.values), stepped)
+        read = np.full((1, 1, 1), np.nan) if failure else harmonics_at(record.sel(body=stepped.body.values), stepped)
         if not np.isfinite(read).all():
             reason = failure[1] if failure else "a sweep meets frequencies at which the motion is not periodic"
             return SimulatedRows(np.zeros((0, 0)), np.zeros(0), wrong=reason)

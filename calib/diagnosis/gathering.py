@@ -28,7 +28,7 @@ from calib.objective.outliers import smoothed
 from calib.records import is_response, mean_interval
 from calib.records.cycles import kind_of_motion, mean_cycle
 from calib.records.replicates import levels_of_sweeps
-from calib.records.response import SIGMA_SOURCE
+from calib.records.response import SIGMA_SOURCE, stated_sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +223,7 @@ def _interval(reference: Reference) -> float | None:
 def _stated(record: xr.Dataset, row: tuple[str, str]) -> float | None:
     """Standard deviation of the noise that a record states of a row; None where it states none  [unit of the row]."""
     if is_response(record):
-        return 1.0 if "response_sigma" in record else None
+        return None if stated_sigma(record, row[1]) is None else 1.0
     sigma = _stated_sigma(record, row)
     return None if sigma is None else float(np.sqrt(np.mean(sigma**2)))
 

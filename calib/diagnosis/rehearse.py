@@ -26,7 +26,7 @@ from calib.execution.pool import Failure, InProcess
 from calib.execution.workers import workers
 from calib.modelling.effect import Effect
 from calib.objective import Objective, Reference
-from calib.records.response import has_phase, tolerances, with_amplitude
+from calib.records.response import harmonic_tolerances, has_phase, modulus, parts_of, tolerances, with_harmonics
 from calib.study import CalibrationStudy, Pool
 
 HIDDEN_Z = (5.0, 10.0, 20.0, 40.0)  # sizes of a hidden effect, as the z that its information predicts  [1]
@@ -173,7 +173,8 @@ def _driven(measured: xr.Dataset, part: Part, rng: np.random.Generator) -> xr.Da
 def _simulated(view: SimulatedRows, measured: xr.Dataset, part: Part) -> xr.Dataset:
     """Return a record with what was simulated in the place of what was measured."""
     if part.is_swept:
-        return with_amplitude(measured, view.read if has_phase(measured) else np.abs(view.read) + 0.0j)
+        read = with_harmonics(measured, view.read)
+        return read if has_phase(measured) else modulus(read)
     record = measured.copy(deep=True)
     bodies = [str(body) for body in record.body.values]
     for (body, channel), row in zip(part.rows, view.rows, strict=True):
@@ -185,9 +186,10 @@ def _noisy(record: xr.Dataset, part: Part, rng: np.random.Generator) -> xr.Datas
     """Return a record with noise like that of a part, which of a frequency response is in standard uncertainties."""
     noisy = record.copy(deep=True)
     bodies = [str(body) for body in record.body.values]
+    parts, units = (parts_of(record), harmonic_tolerances(record)) if part.is_swept else ((), np.ones(0))
     for (body, channel), noise in zip(part.rows, part.noise, strict=True):
         own = noisy[channel].values[bodies.index(body)]
-        unit = tolerances(record)[1][bodies.index(body)] if part.is_swept else 1.0
+        unit = units[parts.index(channel) // 2, bodies.index(body)] if part.is_swept else 1.0
         own += unit * noise.drawn(rng, own.size)
         if part.is_swept and not has_phase(record):
             np.abs(own, out=own)

@@ -20,7 +20,7 @@ from calib.dynamics.single_run import kind_of_run
 from calib.errors import CalibError
 from calib.modelling.orbit import PeriodMap, SampledMap
 from calib.records import OK
-from calib.records.response import complex_amplitude, make_response
+from calib.records.response import complex_harmonics, make_response
 
 HARMONIC_SAMPLES = 1024  # of the motion whose harmonics are taken: where it has kinks they are exact to some 1e-6
 MAX_BRANCHES = 32  # of one level
@@ -365,14 +365,15 @@ def _response(
 
 
 def as_measured(setting: Setting, response: ResponseBranch, amplitude: AmplitudeAt) -> ResponseBranch:
-    """Return a response whose first harmonic is what effects at the site "response" have measured of it."""
+    """Return a response whose harmonics but the mean are what effects at the site "response" have measured of them."""
     excitation, harmonics = setting.excitation, response.harmonics.copy()
     levels = np.array([amplitude(response.level, frequency) for frequency in response.frequency.tolist()])
     record = make_response(
         response.frequency, response.branch.bodies, harmonics[:, 1], levels, excitation.unit, place=excitation.place,
-        quantity=excitation.quantity,
+        quantity=excitation.quantity, higher={order: harmonics[:, order] for order in range(2, harmonics.shape[1])},
     )  # fmt: skip
-    harmonics[:, 1] = complex_amplitude(setting.model.measured_response(record, setting.values))
+    measured = setting.model.measured_response(record, setting.values)
+    harmonics[:, 1:] = np.moveaxis(complex_harmonics(measured), 0, 1)
     return replace(response, harmonics=harmonics)
 
 

@@ -28,8 +28,9 @@ from calib.dynamics.series_curve import (
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.modelling.modal_system import ModalSystem
+from calib.records.response import HIGHEST_ORDER
 
-SERIES_HARMONICS = 7, 15, 31, 63  # of the series, the next where those left out are more than MAX_LEFT_OUT
+SERIES_HARMONICS = HIGHEST_ORDER, 15, 31, 63  # of the series, the next where those left out are more than MAX_LEFT_OUT
 MAX_LEFT_OUT = 3e-4  # velocity by the harmonics left out over that of the motion  [1]
 MAX_STRETCH_LENGTH = 20.0  # of one stable stretch along its curve, in scaled coordinates
 STEP_SHARE = 0.5  # of the mean step between stops, where the level changes from one to the next  [1]

@@ -14,7 +14,8 @@ from calib.records.response import complex_amplitude, with_amplitude
 def residual(record: xr.Dataset, p: Mapping[str, float]) -> xr.Dataset:
     """Return the response to a force with the residual compliance times the force added at the driven body.
 
-    At all bodies where the force acts on none of them alone. Responses to another excitation stay as they are.
+    At all bodies where the force acts on none of them alone. Responses to another excitation stay as they are, and so
+    do higher harmonics: the level is the amplitude of a force that is a sine.
     """
     if record.attrs["quantity"] != "force":
         return record

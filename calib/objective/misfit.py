@@ -8,7 +8,7 @@ import xarray as xr
 
 from calib.objective.terms import Reference, Term
 from calib.records import channels, prescribed
-from calib.records.response import PARTS, has_phase
+from calib.records.response import has_phase, parts_of
 
 MISFIT = (
     "rms of measured minus simulated over the standard deviation of the measured channel, rms over channels and "
@@ -78,7 +78,8 @@ def compared_rows(reference: Reference, terms: Sequence[Term]) -> Rows:
     names = [str(body) for body in reference.record.body.values]
     bodies = {body for term in own for body in term.bodies or names}
     given = prescribed(reference.record)
-    unknown = () if has_phase(reference.record) else PARTS[1:]  # of a response of amplitudes alone
+    # the imaginary parts of a response of amplitudes alone
+    unknown = parts_of(reference.record)[1::2] if reference.is_swept and not has_phase(reference.record) else ()
     return [
         (body, channel)
         for body in names

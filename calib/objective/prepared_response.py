@@ -13,10 +13,20 @@ from calib.objective.scalar_features import FeatureValue, Scalar, compared
 from calib.objective.stable_stretches import StableStretch, stable_stretches
 from calib.objective.terms import Reference, Term
 from calib.records import OK
-from calib.records.compared_response import compared_amplitude, compared_of, compared_tolerances
+from calib.records.compared_response import compared_harmonics, compared_of, compared_tolerances
 from calib.records.cycles import SWEPT, MotionKind
 from calib.records.held_response import is_held
-from calib.records.response import PARTS, complex_amplitude, has_phase, sweeps, tolerances, with_amplitude
+from calib.records.response import (
+    complex_amplitude,
+    complex_harmonics,
+    harmonic_orders,
+    has_phase,
+    modulus,
+    split_parts,
+    sweeps,
+    tolerances,
+    with_harmonics,
+)
 
 SAMPLES_PER_INTERVAL = 16  # of the curve between two of its points, where the nearest one is sought
 MAX_FOOT_STEPS = 6  # of Newton's method to the nearest point of the curve
@@ -39,33 +49,35 @@ class PreparedResponse:
         wanted = [t for t in terms if t.records is None or reference.name in t.records] or terms
         self._bodies = [b for b in self.bodies if any(b in (term.bodies or self.bodies) for term in wanted)]
         self._frequency_sigma, self._sigma = compared_tolerances(self.record)
+        self._orders = len(harmonic_orders(self.record))
 
     def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
         """Status and reason of a response that cannot be compared, None where it can."""
         status = simulated.attrs.get("status", OK)
         if status != OK:
             return status, str(simulated.attrs.get("reason", ""))
-        if not np.isfinite(complex_amplitude(simulated)).all():
+        if not np.isfinite(complex_harmonics(simulated)).all():
             return "not finite", f"the simulated response {self.name!r} holds NaN or infinity"
         return None
 
     def sensed(self, simulated: xr.Dataset) -> SensedRecord:
         """Put a simulated response on the measured points: of each the nearest point of the curve of its sweep.
 
-        The distance is that of frequency and of the real and imaginary parts of all compared bodies, each in its
-        standard uncertainty: orthogonal distance regression. At a held amplitude that of the level, see
+        The distance is that of frequency and of the real and imaginary parts of all harmonics of all compared bodies,
+        each in its standard uncertainty: orthogonal distance regression. At a held amplitude that of the level, see
         `calib.records.compared_response`.
         """
         simulated = self._read(simulated)
         size = self.record.sizes["point"]
-        frequency, amplitude = np.empty(size), np.empty((len(self.bodies), size), dtype=complex)
+        frequency, rows = np.empty(size), np.empty((self._orders * len(self.bodies), size), dtype=complex)
         for points, feet in self._feet(simulated):
-            frequency[points], amplitude[:, points] = feet.frequency, feet.amplitude
-        amplitude = compared_of(amplitude, self.record["sweep"].values, self.record)
+            frequency[points], rows[:, points] = feet.frequency, feet.amplitude
+        harmonics = compared_of(
+            rows.reshape(self._orders, len(self.bodies), size), self.record["sweep"].values, self.record
+        )
         values = {
             "frequency": ("point", frequency, {"units": "Hz"}),
-            "in_phase": (("body", "point"), amplitude.real, {"units": "m"}),
-            "quadrature": (("body", "point"), amplitude.imag, {"units": "m"}),
+            **{part: (("body", "point"), own, {"units": "m"}) for part, own in split_parts(self.record, harmonics)},
             "trust": ("point", np.ones(size)),
         }
         return SensedRecord(self.record.assign(values), simulated, {}, KIND, frozenset())
@@ -79,34 +91,36 @@ class PreparedResponse:
         curve: what is left are as many components as there are parts, of noise of unit variance.
         """
         parts = self.reference.compared
-        rows, own = self._rows, np.array([parts[part].values for part in PARTS])
+        rows, own = self._rows, complex_harmonics(parts)
+        left = own.reshape(-1, own.shape[-1])  # by row: a view
         for points, feet in self._feet(self._read(simulated)):
-            turned = _turned(feet.apart, feet.tangent)[:, 1:].T.reshape(len(PARTS), len(rows), len(points))
-            own[:, np.array(rows)[:, None], points] -= turned
-        values = {part: (("body", "point"), values) for part, values in zip(PARTS, own, strict=True)}
+            real, imaginary = _turned(feet.apart, feet.tangent)[:, 1:].T.reshape(2, len(rows), len(points))
+            left[np.array(rows)[:, None], points] -= real + 1j * imaginary
+        values = {part: (("body", "point"), values) for part, values in split_parts(parts, own)}
         return parts.assign({**values, "trust": ("point", np.ones(own.shape[-1]))})
 
     def _read(self, simulated: xr.Dataset) -> xr.Dataset:
         """Bodies of a simulated response that were measured, without phases where none were."""
         simulated = simulated.sel(body=self.bodies)
-        if has_phase(self.record):
-            return simulated
-        size, dims = np.abs(complex_amplitude(simulated)), simulated["in_phase"].dims
-        return simulated.assign(in_phase=(dims, size), quadrature=(dims, np.zeros_like(size)))
+        return simulated if has_phase(self.record) else modulus(simulated)
 
     @property
     def _rows(self) -> list[int]:
-        """Numbers of the bodies that are compared."""
-        return [self.bodies.index(body) for body in self._bodies]
+        """Numbers of the rows that are compared: bodies of the first harmonic, of the next one, and so on."""
+        own, n = [self.bodies.index(body) for body in self._bodies], len(self.bodies)
+        return [order * n + body for order in range(self._orders) for body in own]
 
     def _feet(self, simulated: xr.Dataset) -> Iterator[tuple[np.ndarray, "_Feet"]]:
         """Measured points of each sweep with the nearest ones of its curve."""
         rows = self._rows
-        measured, own = self.record["frequency"].values, compared_amplitude(self.record)[rows]
-        amplitude = compared_of(complex_amplitude(simulated), simulated["sweep"].values, self.record)
-        simulated = with_amplitude(simulated, amplitude)
+        measured = self.record["frequency"].values
+        own, of_parts = (
+            values.reshape(-1, measured.size)[rows] for values in (compared_harmonics(self.record), self._sigma)
+        )
+        harmonics = compared_of(complex_harmonics(simulated), simulated["sweep"].values, self.record)
+        simulated = with_harmonics(simulated, harmonics)
         target = np.column_stack([measured, own.real.T, own.imag.T])
-        sigma = np.column_stack([self._frequency_sigma, self._sigma[rows].T, self._sigma[rows].T])
+        sigma = np.column_stack([self._frequency_sigma, of_parts.T, of_parts.T])
         for sweep, points in sweeps(self.record):
             yield points, _nearest(stable_stretches(simulated, sweep), target[points], sigma[points], rows)
 
@@ -166,8 +180,8 @@ class _Feet(NamedTuple):
     Attributes
     ----------
     frequency : (k,) [Hz]
-    amplitude : (body, k) complex  [m]
-    apart : (k, 1 + 2 n) measured points less these: frequency, real and imaginary parts of the n compared bodies, each
+    amplitude : (row, k) complex, of rows as `PreparedResponse` has them  [m]
+    apart : (k, 1 + 2 n) measured points less these: frequency, real and imaginary parts of the n compared rows, each
         in its standard uncertainty
     tangent : (k, 1 + 2 n) unit vectors along the curve, likewise, towards higher frequencies
     """
@@ -186,10 +200,10 @@ def _nearest(
 ) -> _Feet:
     """Points of the curves that are nearest to k measured ones.
 
-    target, sigma : (k, 1 + 2 n) frequency, real parts and imaginary parts of n compared bodies, and their uncertainties
+    target, sigma : (k, 1 + 2 n) frequency, real parts and imaginary parts of n compared rows, and their uncertainties
     """
-    bodies = (curves[0].points.shape[1] - 1) // 2
-    columns = [0, *(1 + row for row in rows), *(1 + bodies + row for row in rows)]
+    every = (curves[0].points.shape[1] - 1) // 2
+    columns = [0, *(1 + row for row in rows), *(1 + every + row for row in rows)]
     best, foot, ahead = np.full(len(target), np.inf), *np.zeros((2, len(target), curves[0].points.shape[1]))
     for along, spline, points in curves:
         fine = np.interp(
@@ -210,7 +224,7 @@ def _nearest(
     tangent = np.divide(tangent, length, out=np.zeros_like(tangent), where=length > 0.0)
     tangent[length[:, 0] == 0.0, 0] = 1.0
     tangent *= np.copysign(1.0, tangent[:, :1])
-    amplitude = foot[:, 1 : 1 + bodies] + 1j * foot[:, 1 + bodies :]
+    amplitude = foot[:, 1 : 1 + every] + 1j * foot[:, 1 + every :]
     return _Feet(foot[:, 0], amplitude.T, (target - foot[:, columns]) / sigma, tangent)
 
 

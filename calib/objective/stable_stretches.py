@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline, PPoly
 
-from calib.records.response import complex_amplitude, sweeps
+from calib.records.response import complex_harmonics, harmonic_orders, sweeps
 
 MIN_SPLINE_POINTS = 4  # fewer are joined by straight lines
 MAX_GAP_SHARE = 0.01  # of the frequencies of a sweep: from the end of a stretch to where the next one begins  [1]
@@ -19,7 +19,8 @@ class StableStretch(NamedTuple):
     ----------
     along : (m,) chord length in units of the ranges of the stretch
     spline : over it; None where there are few points
-    points : (m, 1 + 2 bodies) frequency [Hz], real parts and imaginary parts [m]
+    points : (m, 1 + 2 n) frequency [Hz], real parts and imaginary parts [m] of n rows: the bodies of the first
+        harmonic, those of the next one, and so on
     """
 
     along: np.ndarray
@@ -32,7 +33,7 @@ class StableStretch(NamedTuple):
         return bool(own.min() <= frequency <= own.max())
 
     def at(self, frequency: float) -> np.ndarray:
-        """Complex amplitudes (body,) at a frequency [Hz], of the last point there in the order swept; else of an end.
+        """Complex amplitudes (row,) at a frequency [Hz], of the last point there in the order swept; else of an end.
 
         A stretch ends where it turns back, and its frequency rises or falls up to there.
         """
@@ -43,14 +44,14 @@ class StableStretch(NamedTuple):
         else:
             roots = PPoly(self.spline.c[..., 0], self.spline.x).solve(frequency, extrapolate=False)
             row = self.spline(roots[-1]) if roots.size else self.points[int(np.argmin(np.abs(own - frequency)))]
-        bodies = (row.size - 1) // 2
-        return np.asarray(row[1 : 1 + bodies] + 1j * row[1 + bodies :])
+        rows = (row.size - 1) // 2
+        return np.asarray(row[1 : 1 + rows] + 1j * row[1 + rows :])
 
 
 def stable_stretches(simulated: xr.Dataset, sweep: float) -> list[StableStretch]:
     """Stable stretches of a sweep, in the order swept."""
     stretches = []
-    amplitude = complex_amplitude(simulated)
+    amplitude = complex_harmonics(simulated).reshape(-1, simulated.sizes["point"])
     own = simulated["sweep"].values == sweep
     for piece in dict.fromkeys(simulated["piece"].values[own].tolist()):
         at = np.flatnonzero(own & (simulated["piece"].values == piece))
@@ -65,12 +66,20 @@ def stable_stretches(simulated: xr.Dataset, sweep: float) -> list[StableStretch]
 
 
 def read_at(simulated: xr.Dataset, measured: xr.Dataset) -> np.ndarray:
-    """Complex amplitudes (body, point) that the sweeps of a measured response would read at its frequencies  [m].
+    """Complex amplitudes (body, point) of the first harmonic, as `harmonics_at`  [m]."""
+    return np.asarray(harmonics_at(simulated, measured)[0])
+
+
+def harmonics_at(simulated: xr.Dataset, measured: xr.Dataset) -> np.ndarray:
+    """Complex amplitudes (order, body, point) that sweeps of a measured response would read at its frequencies  [m].
+
+    The orders are those of the simulated one.
 
     A sweep that has jumped goes on a little beyond the end of its stretch: between both it is on the next one. NaN
     where no stretch reaches, as where the motion was not periodic.
     """
-    read = np.full((simulated.sizes["body"], measured.sizes["point"]), np.nan + 0.0j)
+    shape = len(harmonic_orders(simulated)), simulated.sizes["body"], measured.sizes["point"]
+    read = np.full((shape[0] * shape[1], shape[2]), np.nan + 0.0j)
     for sweep, points in sweeps(measured):
         stretches = stable_stretches(simulated, sweep)
         frequencies = measured["frequency"].values[points]
@@ -80,4 +89,4 @@ def read_at(simulated: xr.Dataset, measured: xr.Dataset) -> np.ndarray:
             own = own or next((s for s in stretches if abs(s.points[0, 0] - frequency) <= gap), None)
             if own is not None:
                 read[:, point] = own.at(frequency)
-    return read
+    return read.reshape(shape)

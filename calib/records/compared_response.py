@@ -5,55 +5,71 @@ A force that balances a given motion is linear in the parameters of stiffness, d
 its reciprocal: near a sharp resonance that is so steep in them that no fit gets far. So of the body that was held
 a^2 / H is compared, with the median amplitude a that was held in a sweep, and of other bodies a H_b / H, their motion
 when the body moves by a. The modulus of the first is a times the level of a point over that of the sweep.
+
+Higher harmonics are properties of that motion, whatever phase the force has: of all bodies a / |H| H_k exp(-i k arg H)
+is compared, the k-th harmonic when the body moves by a, its phase counted from k times that of the body's first one.
 """
 
 import numpy as np
 import xarray as xr
 
 from calib.records.held_response import is_held
-from calib.records.response import HELD, HELD_AMPLITUDE, PARTS, complex_amplitude, median_of_sweeps, tolerances
+from calib.records.response import (
+    HELD,
+    HELD_AMPLITUDE,
+    complex_amplitude,
+    complex_harmonics,
+    harmonic_orders,
+    harmonic_tolerances,
+    median_of_sweeps,
+    split_parts,
+    tolerances,
+)
 
 
-def compared_amplitude(record: xr.Dataset) -> np.ndarray:
-    """Complex values (body, point) of a response that are compared  [m]."""
-    return compared_of(complex_amplitude(record), record["sweep"].values, record)
+def compared_harmonics(record: xr.Dataset) -> np.ndarray:
+    """Complex values (order, body, point) of a response that are compared  [m]."""
+    return compared_of(complex_harmonics(record), record["sweep"].values, record)
 
 
-def compared_of(amplitude: np.ndarray, sweep: np.ndarray, measured: xr.Dataset) -> np.ndarray:
-    """Complex values (body, n) that are compared of amplitudes (body, n) in sweeps (n,) of a measured response  [m].
+def compared_of(harmonics: np.ndarray, sweep: np.ndarray, measured: xr.Dataset) -> np.ndarray:
+    """Complex values (order, body, n) that are compared of harmonics (order, body, n) in sweeps (n,)  [m].
 
-    Their own inverse: of these values it gives the amplitudes again.
+    Their own inverse: of these values it gives the harmonics again.
+
+    measured : response, of whose sweeps and orders they are
     """
     if not is_held(measured):
-        return amplitude
+        return harmonics
     row = measured.body.values.tolist().index(measured.attrs[HELD])
-    held, size = amplitude[row], _held_amplitude(sweep, measured)
-    found = amplitude * size / held
-    found[row] = size**2 / held
+    held, size = harmonics[0, row], _held_amplitude(sweep, measured)
+    further = np.array(harmonic_orders(measured)[1:])[:, None]
+    turned = np.exp(-1j * further * np.angle(held)) * size / np.abs(held)  # (order above the first, n)
+    found = np.concatenate([harmonics[:1] * size / held, harmonics[1:] * turned[:, None]])
+    found[0, row] = size**2 / held
     return found
 
 
 def compared_tolerances(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Standard uncertainties of frequencies (point,) [Hz] and of either part of what is compared (body, point)  [m].
+    """Standard uncertainties of frequencies (point,) [Hz], of either part of what is compared (order, body, point) [m].
 
-    As `calib.records.response.tolerances` has them of the amplitudes, in proportion to these of the body that was held.
+    As `calib.records.response` has them of the harmonics, in proportion to these of the body that was held.
     """
-    of_frequency, of_parts = tolerances(record)
+    of_frequency, of_parts = tolerances(record)[0], harmonic_tolerances(record)
     if not is_held(record):
         return of_frequency, of_parts
     row = record.body.values.tolist().index(record.attrs[HELD])
     ratio = _held_amplitude(record["sweep"].values, record) / np.abs(complex_amplitude(record)[row])
     found = of_parts * ratio
-    found[row] *= ratio
+    found[0, row] *= ratio
     return of_frequency, found
 
 
 def in_standard_uncertainties(record: xr.Dataset) -> xr.Dataset:
     """Return a response with the parts of what is compared in units of their standard uncertainties  [1]."""
     _, sigma = compared_tolerances(record)
-    own = compared_amplitude(record)
-    values = zip(PARTS, (own.real / sigma, own.imag / sigma), strict=True)
-    return record.assign({part: (("body", "point"), value, {"units": "1"}) for part, value in values})
+    scaled = split_parts(record, compared_harmonics(record) / sigma)
+    return record.assign({part: (("body", "point"), value, {"units": "1"}) for part, value in scaled})
 
 
 def _held_amplitude(sweep: np.ndarray, measured: xr.Dataset) -> np.ndarray:

@@ -6,14 +6,25 @@ Where a resonance would fold at a set level, all of its motions are met this way
 The record states H, the complex amplitude, at one level of each sweep, in proportion to what was held: that which was
 measured, times the level of the sweep over the level of the point. So it is the response of the linear system that
 moves as the body does at the amplitude that was held, and may be drawn, compared and weighed as any other. Nothing is
-lost: the level of a point was that of the sweep, times `held_amplitude` over |H| of the body (`as_measured`).
+lost: the level of a point was that of the sweep, times `held_amplitude` over |H| of the body (`as_measured`). Higher
+harmonics are scaled as the first one is, so that their ratio to it stays what was measured.
 """
 
 import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
-from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, median_of_sweeps, sweeps, with_amplitude
+from calib.records.response import (
+    HELD,
+    HELD_AMPLITUDE,
+    complex_amplitude,
+    complex_harmonics,
+    harmonic_orders,
+    median_of_sweeps,
+    sigma_of_order,
+    sweeps,
+    with_harmonics,
+)
 
 MAX_UNSTEADINESS = 0.1  # of an amplitude that is held: rms deviation over the mean  [1]
 
@@ -46,8 +57,7 @@ def at_one_level(record: xr.Dataset, body: str) -> xr.Dataset:
             f"held names the body whose amplitude was held: no body {body!r}{nearest(body, bodies)}; the response is "
             f"of {', '.join(bodies)}"
         )
-    measured = complex_amplitude(record)
-    held = np.abs(measured[bodies.index(body)])
+    held = np.abs(complex_amplitude(record)[bodies.index(body)])
     if not (held > 0.0).all():
         at = float(record["frequency"].values[np.argmin(held > 0.0)])
         raise CalibError(f"held: {body} does not move at {at:g} Hz, so that its amplitude cannot have been held there")
@@ -57,12 +67,11 @@ def at_one_level(record: xr.Dataset, body: str) -> xr.Dataset:
     level = np.median(levels / kept) * median_of_sweeps(record, kept, record["sweep"].values)
     factor = level / levels
     unit = {"units": record["level"].attrs["units"]}
-    scaled = with_amplitude(record, measured * factor).assign(
+    scaled = with_harmonics(record, complex_harmonics(record) * factor).assign(
         {"level": ("point", level, unit), HELD_AMPLITUDE: ("point", held, {"units": "m"})}
     )
-    if "response_sigma" in record:
-        sigma = record["response_sigma"]
-        scaled = scaled.assign(response_sigma=sigma.copy(data=sigma.values * factor))
+    sigmas = {name: record[name] for name in _sigmas(record) if name in record}
+    scaled = scaled.assign({name: sigma.copy(data=sigma.values * factor) for name, sigma in sigmas.items()})
     return scaled.assign_attrs({HELD: body})
 
 
@@ -73,15 +82,20 @@ def as_measured(record: xr.Dataset) -> xr.Dataset:
     """
     if not is_held(record):
         return record
-    scaled = complex_amplitude(record)
+    scaled = complex_harmonics(record)
     bodies = record.body.values.tolist()
-    factor = record[HELD_AMPLITUDE].values / np.abs(scaled[bodies.index(record.attrs[HELD])])
+    factor = record[HELD_AMPLITUDE].values / np.abs(scaled[0, bodies.index(record.attrs[HELD])])
     level = record["level"].copy(data=record["level"].values * factor)
     return (
-        with_amplitude(record, scaled * factor)
+        with_harmonics(record, scaled * factor)
         .assign(level=level)
-        .drop_vars([HELD_AMPLITUDE, "response_sigma"], errors="ignore")
+        .drop_vars([HELD_AMPLITUDE, *_sigmas(record)], errors="ignore")
     )
+
+
+def _sigmas(record: xr.Dataset) -> list[str]:
+    """Names of the uncertainties that the harmonics of a response may state."""
+    return [sigma_of_order(order) for order in harmonic_orders(record)]
 
 
 def unsteady(record: xr.Dataset) -> list[tuple[float, float]]:

@@ -6,7 +6,8 @@ The record is cut into windows of whole cycles of the excitation. In each a moti
 
 phi the phase of the excitation, P_j Legendre polynomials over the window, s from -1 to 1, fitted by least squares (the
 Vold-Kalman filter has the same signal model: Vold & Leuridan, SAE paper 931288 (1993)). The response is its
-value in the middle over that of the excitation. The polynomials of orders 3 to 8 are fitted too: what they amount to is
+value in the middle over that of the excitation. Higher harmonics that are asked for have polynomials of their own about
+k times the phase, to which theirs are related. The polynomials of orders 3 to 8 are fitted too: what they amount to is
 noise near the frequency of the excitation, whatever its spectrum elsewhere - hum, harmonics, another mode - and tells
 the standard uncertainty, as tapers do of a spectral estimate (Thomson, Proceedings of the IEEE 70 (1982) 1055).
 
@@ -14,7 +15,8 @@ A frequency response is that of steady motion. Behind a sweep of the rate w' [ra
 level A it shows H A - i w' (H'' A + 2 H' A') / 2, with derivatives by w (Carson & Fry, Bell System Technical Journal 16
 (1937) 513). The size of that term is part of the uncertainty, and where it exceeds the noise a warning says so; where
 it is a large part of the response, the point is left out. On a step, what the motion still changes in the window is
-part of the uncertainty.
+part of the uncertainty. A higher harmonic lags by its own second derivative, and with the first one, whose phase error
+it has k times.
 """
 
 import math
@@ -41,15 +43,17 @@ from calib.records.order_tracking_windows import (
     LEAST_LEVEL_CHANGE,
     MIN_CHANGE_STD,
     VALUE_VARIANCE,
+    TrackedHarmonic,
     TrackedWindow,
     windows_of_cycles,
 )
 from calib.records.record import prescribed
-from calib.records.response import LEVEL_UNITS, SIGMA_SOURCE, check_response, make_response
+from calib.records.response import HIGHEST_ORDER, LEVEL_UNITS, SIGMA_SOURCE, check_response, make_response
 from calib.units import plain_number
 
 STEPPED, SWEPT = "stepped", "swept"
 Sine = Literal["stepped", "swept"]
+MIN_CYCLES_OF_HARMONICS = 10  # in a window of which higher ones are tracked: their polynomials overlap in fewer
 CYCLES = 20  # of the excitation in a window, where none is stated  [count]
 SMOOTHED_WINDOWS = 5  # of a sweep over which the variance of the noise is averaged  [count]
 CURVATURE_POINTS = 5  # of which the second derivative of a response is determined  [count]
@@ -60,7 +64,7 @@ MAX_LAG = 3.0  # of the response behind a sweep, over its noise, above which a w
 MAX_CLOCK_DEPARTURE = 0.3  # of the instants from equal intervals, over one  [1]
 
 
-def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
+def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES, highest: int = 1) -> xr.Dataset:
     """Return the frequency response that a time record of a stepped or swept sine shows.
 
     Parameters
@@ -68,6 +72,7 @@ def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
     record : over time at a constant interval, with its excitation and the `place` and `quantity` of it; of each body
         the displacement is taken, or else the velocity, or else the acceleration
     cycles : of the excitation in a window; of a step its last window is taken, of a sweep one after the other
+    highest : harmonic of the motion that the response has
 
     Returns
     -------
@@ -75,12 +80,20 @@ def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
 
     Raises
     ------
-    CalibError : no excitation, an interval that varies, or too few windows in which the excitation is one such sine
+    CalibError : orders or cycles that cannot be tracked, no excitation, an interval that varies, or too few windows in
+        which the excitation is one such sine
     """
     where = str(record.attrs.get("source", "the record")).partition(",")[0]
+    if not 1 <= highest <= HIGHEST_ORDER:
+        raise CalibError(f"{where}: harmonics are tracked up to an order from 1 to {HIGHEST_ORDER}, got {highest}")
+    if highest > 1 and cycles < MIN_CYCLES_OF_HARMONICS:
+        raise CalibError(
+            f"{where}: higher harmonics are tracked in windows of {MIN_CYCLES_OF_HARMONICS} cycles or more, got "
+            f"{cycles}; take more cycles, or the first harmonic alone"
+        )
     time, drive, rows = _signals(record, where)
     motions = np.array([row for row, _ in rows.values()])
-    windows = windows_of_cycles(time, drive, motions, cycles, stepped=sine == STEPPED)
+    windows = windows_of_cycles(time, drive, motions, cycles, sine == STEPPED, highest)
     used = steps(windows) if sine == STEPPED else []
     if rests_between_steps(used):
         text = "the excitation stops between the steps until the motion is at rest; a sweep is said to go on over that"
@@ -91,8 +104,8 @@ def tracked(record: xr.Dataset, sine: Sine, cycles: int = CYCLES) -> xr.Dataset:
         raise CalibError(
             f"{where}: the excitation is one sine in {len(windows)} windows of {cycles} cycles, but no "
             f"{MIN_SWEEP_POINTS} of them are a {sine} sine one after the other"
-            f"{' (a step needs three windows)' if sine == STEPPED else ''}; mend sine, take other cycles, or a record "
-            "that is sampled faster"
+            f"{' (a step needs three windows)' if sine == STEPPED else ''}; mend sine, take other cycles, "
+            f"{'fewer harmonics, ' if highest > 1 else ''}or a record that is sampled faster"
         )
     lost = len(used) - sum(map(len, runs))
     if lost and sine == STEPPED:
@@ -150,6 +163,7 @@ def _assembled(
             _warn_of_lag(where, run, kept, np.sqrt(further / (2.0 * VALUE_VARIANCE * noise)).max(axis=0))
         else:
             further, kept = _departure(run, per_motion, noise), np.ones(len(run), dtype=bool)
+        higher = _higher(run, rates, amplitude, variance[0], further, sine)
         if np.count_nonzero(kept) < MIN_SWEEP_POINTS:
             continue
         sigma = np.sqrt(VALUE_VARIANCE * noise + further / 2.0)
@@ -158,20 +172,48 @@ def _assembled(
             frequency, amplitude, _levels(run, variance[0]), np.full(frequency.size, float(number)),
             np.full(frequency.size, np.sign(frequency[-1] - frequency[0])), np.maximum(sigma, floor),
             np.maximum([one.frequency_sigma for one in run], np.finfo(float).eps * frequency),
+            higher[0], np.maximum(higher[1], floor),
         )  # fmt: skip
         points.append(tuple(values[..., kept] for values in one))
     if not points:
         raise CalibError(f"{where}: every sweep is too fast to be a frequency response; compare the record over time")
-    frequency, amplitude, level, sweep, direction, sigma, frequency_sigma = (
+    frequency, amplitude, level, sweep, direction, sigma, frequency_sigma, higher_amplitude, higher_sigma = (
         np.concatenate(own, axis=-1) for own in zip(*points, strict=True)
     )
     attrs = {key: record.attrs[key] for key in ("place", "quantity", "source") if key in record.attrs}
     attrs[SIGMA_SOURCE] = "estimated by order tracking"
     made = make_response(
         frequency, bodies, amplitude, level, str(record["excitation"].attrs["units"]), sweep, direction,
-        sigma=sigma, frequency_sigma=frequency_sigma, **attrs,
+        sigma=sigma, frequency_sigma=frequency_sigma, higher=dict(enumerate(higher_amplitude, 2)),
+        higher_sigma=dict(enumerate(higher_sigma, 2)), **attrs,
     )  # fmt: skip
     return check_response(made, where)
+
+
+def _higher(
+    run: Sequence[TrackedWindow], rates: Sequence[int], first: np.ndarray, of_drive: np.ndarray, further: np.ndarray,
+    sine: Sine,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Complex amplitudes (order, row, point) of higher harmonics, and the standard uncertainty of either part  [m].
+
+    first, further : (row, point) first harmonic, and the square of what it departs from steady motion by  [m], [m^2]
+    of_drive : (point,) variance of the noise of the excitation
+    """
+    frequency, level = np.array([one.frequency for one in run]), np.array([one.level for one in run])
+    amplitudes, sigmas = np.zeros((2, len(run[0].harmonics), *first.shape), dtype=complex)
+    for k, order in enumerate(own.order for own in run[0].harmonics):
+        windows = [one.harmonics[k] for one in run]
+        per_motion = 1.0 / (2j * math.pi * order * frequency) ** np.array(rates)[:, None]
+        own = np.array([one.response for one in windows]).T * per_motion
+        noise = _smoothed(np.array([one.variance for one in windows]).T) * np.abs(per_motion) ** 2
+        noise = np.maximum(noise + np.abs(order * own / level) ** 2 * of_drive, np.finfo(float).tiny)
+        if sine == SWEPT:
+            with_first = np.divide(np.abs(own), np.abs(first), out=np.zeros(own.shape), where=np.abs(first) > 0.0)
+            departure = _lag(run, own, VALUE_VARIANCE * noise) + (order * with_first) ** 2 * further
+        else:
+            departure = _departure(windows, per_motion, noise)
+        amplitudes[k], sigmas[k] = own, np.sqrt(VALUE_VARIANCE * noise + departure / 2.0)
+    return amplitudes, sigmas.real
 
 
 def _smoothed(variance: np.ndarray) -> np.ndarray:
@@ -192,14 +234,16 @@ def _levels(run: Sequence[TrackedWindow], variance: np.ndarray) -> np.ndarray:
     return level
 
 
-def _departure(run: Sequence[TrackedWindow], per_motion: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def _departure(
+    run: Sequence[TrackedWindow] | Sequence[TrackedHarmonic], per_motion: np.ndarray, noise: np.ndarray
+) -> np.ndarray:
     """Mean square of the departure (row, point) of steps from steady motion, less what this noise makes of it.
 
     The larger of their drift within the window and of their scatter over the windows of the step, in which slow beating
     with a hum is.
     """
     drift = np.abs(np.array([one.drift for one in run]).T * per_motion) ** 2
-    scatter = np.array([one.scatter[1:] for one in run]).T * np.abs(per_motion) ** 2
+    scatter = np.array([one.scatter[-len(per_motion) :] for one in run]).T * np.abs(per_motion) ** 2
     by_noise = ((drift, 2.0 * DRIFT_VARIANCE * noise), (scatter, 2.0 * VALUE_VARIANCE * noise))
     return np.maximum(
         *(np.where(own > MIN_SLOW_VARIANCE_RATIO * chance, own - chance, 0.0) for own, chance in by_noise)

@@ -60,7 +60,11 @@ def _with_scatter(step: Sequence[TrackedWindow]) -> TrackedWindow:
     spread = float(np.var([one.frequency for one in settled], ddof=1))
     by_noise = float(np.mean([one.frequency_sigma**2 for one in settled]))
     sigma = math.sqrt(spread) if spread > MIN_SLOW_VARIANCE_RATIO * by_noise else last.frequency_sigma
-    return replace(last, scatter=np.var(values, axis=0, ddof=1), frequency_sigma=sigma)
+    harmonics = tuple(
+        replace(own, scatter=np.var([one.harmonics[k].response for one in settled], axis=0, ddof=1))
+        for k, own in enumerate(last.harmonics)
+    )
+    return replace(last, scatter=np.var(values, axis=0, ddof=1), frequency_sigma=sigma, harmonics=harmonics)
 
 
 def _by_frequency(own_steps: Sequence[TrackedWindow]) -> list[list[TrackedWindow]]:

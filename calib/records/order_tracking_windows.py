@@ -25,6 +25,24 @@ DRIFT_VARIANCE = 3.0  # of c_1, the change over half of a window, over that of c
 
 
 @dataclass(frozen=True, eq=False)
+class TrackedHarmonic:
+    """A higher harmonic of the motions in a window.
+
+    Attributes
+    ----------
+    order : of the harmonic
+    response, drift, variance, scatter : (row,) as those of `TrackedWindow`, of each motion before `order` times the
+        phase of the excitation
+    """
+
+    order: int
+    response: np.ndarray
+    drift: np.ndarray
+    variance: np.ndarray
+    scatter: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class TrackedWindow:
     """A window in which the excitation is one sine.
 
@@ -42,6 +60,7 @@ class TrackedWindow:
     scatter : (1 + row,) variance of the level, and of the complex response, over the windows of a step that has settled
     frequency_error, level_error : standard errors, the level's relative, by which changes are tested  [Hz, 1]
     start : number of times that the excitation stopped before, until the motion was at rest
+    harmonics : higher ones that are tracked, by rising order
     """
 
     number: int
@@ -57,6 +76,7 @@ class TrackedWindow:
     frequency_error: float = 0.0
     level_error: float = 0.0
     start: int = 0
+    harmonics: tuple[TrackedHarmonic, ...] = ()
 
     def step_to(self, other: "TrackedWindow") -> float:
         """Direction of the frequency from this window to another, 0 where the change is no more than noise."""
@@ -70,7 +90,7 @@ class TrackedWindow:
 
 
 def windows_of_cycles(
-    time: np.ndarray, drive: np.ndarray, rows: np.ndarray, cycles: int, stepped: bool
+    time: np.ndarray, drive: np.ndarray, rows: np.ndarray, cycles: int, stepped: bool, highest: int = 1
 ) -> list[TrackedWindow]:
     """Windows of so many cycles in which the excitation is one sine, in order.
 
@@ -79,6 +99,7 @@ def windows_of_cycles(
     time, drive : (n,) [s] and excitation
     rows : (row, n) motions
     stepped : whether the excitation stays at each frequency for several windows
+    highest : harmonic of the motions that is tracked
     """
     centred = drive - drive.mean()
     phase = np.unwrap(np.angle(hilbert(centred, next_fast_len(centred.size))[: centred.size]))
@@ -87,7 +108,7 @@ def windows_of_cycles(
     signals, windows, start = np.vstack([drive, rows]), list[TrackedWindow](), 0
     for number, (begin, end) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
         own = slice(begin, end)
-        window = _window(number, own, time[own], phase[own], signals[:, own], cycles)
+        window = _window(number, own, time[own], phase[own], signals[:, own], cycles, highest)
         if window is not None:
             start += bool(windows) and _rests_between(windows[-1], window, signals, cycles)
             windows.append(replace(window, start=start))
@@ -133,35 +154,35 @@ def _nearby(values: np.ndarray, n: int) -> np.ndarray:
 
 
 def _window(
-    number: int, samples: slice, time: np.ndarray, phase: np.ndarray, rows: np.ndarray, cycles: int
+    number: int, samples: slice, time: np.ndarray, phase: np.ndarray, rows: np.ndarray, cycles: int, highest: int
 ) -> TrackedWindow | None:  # fmt: skip
     """Fit a window of the excitation and the motions (1 + row, n); None where the excitation is no sine in it.
 
     phase : (n,) of the excitation's analytic signal, which noise disturbs
     """
-    harmonics = [k for k in ORDERS_BESIDE if k * cycles < NYQUIST_SHARE * 0.5 * time.size]
-    unknowns = 2 * (SIGNAL_ORDERS + NOISE_ORDERS + len(harmonics)) + 1
-    if time.size < MIN_SAMPLES_PER_UNKNOWN * unknowns or 2 * cycles > NYQUIST_SHARE * time.size:
+    orders = SIGNAL_ORDERS + NOISE_ORDERS
+    beside = [k for k in ORDERS_BESIDE if k > highest and k * cycles < NYQUIST_SHARE * 0.5 * time.size]
+    unknowns = 2 * (orders * highest + len(beside)) + 1
+    if time.size < MIN_SAMPLES_PER_UNKNOWN * unknowns or 2 * highest * cycles > NYQUIST_SHARE * time.size:
         return None
     half = 0.5 * (time[-1] - time[0])
     s = (time - time[0]) / half - 1.0
     turn = polynomial.polyfit(s, phase, PHASE_DEGREE)
     for last in (False, True):
-        columns = _columns(s, polynomial.polyval(s, turn), harmonics)
+        columns = _columns(s, polynomial.polyval(s, turn), highest, beside)
         solved = rows if last else rows[:1]
         fitted = np.linalg.lstsq(columns, solved.T, rcond=None)[0]
-        orders = SIGNAL_ORDERS + NOISE_ORDERS
-        c = (fitted[: 2 * orders : 2] + 1j * fitted[1 : 2 * orders : 2]).T
+        polynomials = fitted[: 2 * orders * highest]
+        c, *higher = np.moveaxis((polynomials[::2] + 1j * polynomials[1::2]).T.reshape(-1, highest, orders), 1, 0)
         if not last:  # the phase with what the fit shows of it
             ahead = np.unwrap(np.angle(legendre.legval(s, c[0, :SIGNAL_ORDERS])))
             turn = polynomial.polyfit(s, polynomial.polyval(s, turn) + ahead, PHASE_DEGREE)
     left = rows[0] - columns @ fitted[:, 0]
-    weight = 2.0 * np.arange(SIGNAL_ORDERS, orders) + 1.0
-    variance = np.mean(np.abs(c[:, SIGNAL_ORDERS:]) ** 2 / weight, axis=1) / 2.0
-    middle = c[:, 0] - 0.5 * c[:, 2]
+    variance = _variance(c)
+    middle = _middle(c)
     level = float(abs(middle[0]))
-    beside = np.sqrt(np.mean(left**2) + np.sum(np.abs(c[0, SIGNAL_ORDERS:]) ** 2) / 2.0)
-    if not math.sqrt(2.0) * beside < MAX_DRIVE_RESIDUAL * level:
+    residual = np.sqrt(np.mean(left**2) + np.sum(np.abs(c[0, SIGNAL_ORDERS:]) ** 2) / 2.0)
+    if not math.sqrt(2.0) * residual < MAX_DRIVE_RESIDUAL * level:
         return None
     slope = c[0, 1] / middle[0]
     noise = math.sqrt(variance[0]) / level
@@ -175,12 +196,39 @@ def _window(
         drift=(c[1:, 1] - middle[1:] * slope) * before,
         variance=variance,
         scatter=np.zeros(variance.size),
+        harmonics=tuple(_harmonic(order, own[1:], before, slope) for order, own in enumerate(higher, 2)),
     )  # fmt: skip
 
 
-def _columns(s: np.ndarray, phase: np.ndarray, harmonics: Sequence[int]) -> np.ndarray:
-    """Columns (n, k): real and imaginary part of each polynomial's coefficient, the mean, and harmonics."""
+def _harmonic(order: int, c: np.ndarray, before: complex, slope: complex) -> TrackedHarmonic:
+    """Higher harmonic of motions by the coefficients (row, j) of its polynomials.
+
+    before : unit phasor that turns the excitation in the middle of the window to phase 0
+    slope : relative change of the excitation's complex amplitude over half of the window
+    """
+    middle, turn = _middle(c), before**order
+    change = slope.real + 1j * order * slope.imag
+    drift = (c[:, 1] - middle * change) * turn
+    return TrackedHarmonic(order, middle * turn, drift, _variance(c), np.zeros(len(c)))
+
+
+def _middle(c: np.ndarray) -> np.ndarray:
+    """Values (row,) in the middle of a window of what polynomials with coefficients (row, j) describe."""
+    return np.asarray(c[:, 0] - 0.5 * c[:, 2])
+
+
+def _variance(c: np.ndarray) -> np.ndarray:
+    """Variance (row,) of the noise of either part of coefficients (row, j), over 2 j + 1 of the j-th one."""
+    weight = 2.0 * np.arange(SIGNAL_ORDERS, SIGNAL_ORDERS + NOISE_ORDERS) + 1.0
+    return np.asarray(np.mean(np.abs(c[:, SIGNAL_ORDERS:]) ** 2 / weight, axis=1) / 2.0)
+
+
+def _columns(s: np.ndarray, phase: np.ndarray, highest: int, beside: Sequence[int]) -> np.ndarray:
+    """Columns (n, k): parts of each polynomial's coefficient by order up to the highest, mean, harmonics beside."""
     shapes = legendre.legvander(s, SIGNAL_ORDERS + NOISE_ORDERS - 1)
-    both = np.stack([shapes * np.cos(phase)[:, None], -shapes * np.sin(phase)[:, None]], axis=2)
-    further = [part(k * phase) for k in harmonics for part in (np.cos, np.sin)]
-    return np.column_stack([both.reshape(s.size, -1), np.ones(s.size), *further])
+    tracked = [
+        np.stack([shapes * np.cos(k * phase)[:, None], -shapes * np.sin(k * phase)[:, None]], axis=2)
+        for k in range(1, highest + 1)
+    ]
+    further = [part(k * phase) for k in beside for part in (np.cos, np.sin)]
+    return np.column_stack([*(both.reshape(s.size, -1) for both in tracked), np.ones(s.size), *further])

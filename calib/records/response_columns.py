@@ -57,6 +57,8 @@ class ResponseColumns:
     frequency_sigma : a column, or a quantity for all points
     sigma : of either part, by body: a column, or a quantity for all points
     sweep, direction : the columns that number the sweeps and say up or down
+    higher, higher_sigma : by order from 2 on, as `of_body` and `sigma`; the phase of a harmonic of order k is the one
+        before k times that of the excitation
     """
 
     frequency: UnitColumn
@@ -66,6 +68,8 @@ class ResponseColumns:
     sigma: Mapping[str, UnitColumn | str | float] = field(default_factory=dict)
     sweep: str | int | None = None
     direction: str | int | None = None
+    higher: Mapping[int, Mapping[tuple[str, str], UnitColumn]] = field(default_factory=dict)
+    higher_sigma: Mapping[int, Mapping[str, UnitColumn | str | float]] = field(default_factory=dict)
 
     @property
     def bodies(self) -> list[str]:
@@ -75,7 +79,9 @@ class ResponseColumns:
     @property
     def named(self) -> list[str | int]:
         """All columns, each once."""
-        known = [self.frequency, *self.of_body.values(), self.level, self.frequency_sigma, *self.sigma.values()]
+        amplitudes = [one for own in (self.of_body, *self.higher.values()) for one in own.values()]
+        sigmas = [one for own in (self.sigma, *self.higher_sigma.values()) for one in own.values()]
+        known = [self.frequency, *amplitudes, self.level, self.frequency_sigma, *sigmas]
         used = [one.column for one in known if isinstance(one, UnitColumn)]
         return list(dict.fromkeys([*used, *(c for c in (self.sweep, self.direction) if c is not None)]))
 
@@ -114,14 +120,15 @@ class _Reading:
 
     def response(self, attrs: Mapping[str, str]) -> xr.Dataset:
         """Response in SI, checked."""
-        bodies = self.columns.bodies
-        amplitude = np.array([self._amplitude(body) for body in bodies])
+        bodies, higher = self.columns.bodies, self.columns.higher
         sweep, direction = self._sweeps()
         own = self.columns.frequency_sigma
+        sigmas = {order: self._sigma(bodies, order) for order in higher}
         record = make_response(
-            self.frequency, bodies, amplitude * np.exp(-1j * np.angle(self.excitation)), np.abs(self.excitation),
-            self.level_unit, sweep, direction, sigma=self._sigma(bodies),
-            frequency_sigma=None if own is None else self._frequency_sigma(own), **attrs,
+            self.frequency, bodies, self._harmonic(1), np.abs(self.excitation), self.level_unit, sweep, direction,
+            sigma=self._sigma(bodies, 1), frequency_sigma=None if own is None else self._frequency_sigma(own),
+            higher={order: self._harmonic(order) for order in sorted(higher)},
+            higher_sigma={order: sigma for order, sigma in sigmas.items() if sigma is not None}, **attrs,
         )  # fmt: skip
         record = check_response(record, str(self.sheet.path))
         self._doubt_phases(record)
@@ -171,33 +178,50 @@ class _Reading:
             return stated, unit.displacement(stated, self.omega), LEVEL_UNITS[1]
         return stated, stated.astype(complex), LEVEL_UNITS[0]
 
-    def _scaled(self, column: UnitColumn, values: np.ndarray) -> tuple[np.ndarray, MotionUnit]:
-        """Values in the unit of a column as displacement (point,), and that unit."""
-        unit = self._motion(column, (self.level_unit,))
-        over = self.excitation if unit.level else 1.0
-        return unit.displacement(values, self.omega) * over, unit
+    def _over(self, unit: MotionUnit, order: int) -> np.ndarray | float:
+        """Complex level (point,) that values in a unit are over, before the phase that they are before; 1 of others."""
+        return self.excitation * np.exp(1j * (order - 1) * np.angle(self.excitation)) if unit.level else 1.0
 
-    def _amplitude(self, body: str) -> np.ndarray:
-        """Complex amplitude (point,) of the displacement of a body  [m]."""
-        own = {what: column for (its, what), column in self.columns.of_body.items() if its == body}
+    def _scaled(self, column: UnitColumn, values: np.ndarray, order: int) -> tuple[np.ndarray, MotionUnit]:
+        """Values of a harmonic in the unit of a column as displacement (point,), and that unit."""
+        unit = self._motion(column, (self.level_unit,))
+        return unit.displacement(values, order * self.omega) * self._over(unit, order), unit
+
+    def _harmonic(self, order: int) -> np.ndarray:
+        """Complex amplitudes (body, point) of a harmonic of all bodies before the excitation  [m]."""
+        columns = self.columns.of_body if order == 1 else self.columns.higher[order]
+        bodies = self.columns.bodies
+        unknown = [body for body, _ in columns if body not in bodies]
+        if unknown:
+            raise CalibError(
+                f"{self.sheet.path}: harmonic {order} is of {unknown[0]!r}{nearest(unknown[0], bodies)}, which has no "
+                f"first harmonic; name one of {', '.join(bodies)}, or add its {AMPLITUDE} and {PHASE}"
+            )
+        amplitudes = np.array([self._amplitude(body, columns, order) for body in bodies])
+        return np.asarray(amplitudes * np.exp(-1j * order * np.angle(self.excitation)))
+
+    def _amplitude(self, body: str, columns: Mapping[tuple[str, str], UnitColumn], order: int) -> np.ndarray:
+        """Complex amplitude (point,) of a harmonic of the displacement of a body  [m]."""
+        own = {what: column for (its, what), column in columns.items() if its == body}
         for first, second in PAIRS:
             if set(own) != {first, second}:
                 continue
             if first == AMPLITUDE:
-                return self._polar(own[first], own[second])
-            parts = [self._scaled(own[what], self._numbers(own[what].column)) for what in (first, second)]
+                return self._polar(own[first], own[second], order)
+            parts = [self._scaled(own[what], self._numbers(own[what].column), order) for what in (first, second)]
             if len({(unit.rates, unit.level) for _, unit in parts}) > 1:
                 raise self._named(
                     own[second],
                     CalibError(f"{second} is in {own[second].unit!r}, but {first} in {own[first].unit!r}; mend one"),
                 )
             return np.asarray(parts[0][0] + 1j * parts[1][0])
+        of = f"harmonic {order} of " if order > 1 else ""
         raise CalibError(
-            f"{self.sheet.path}: of body {body!r} there are the columns {sorted(own)}; expected {AMPLITUDE} and "
-            f"{PHASE}, or {IN_PHASE} and {QUADRATURE}"
+            f"{self.sheet.path}: of {of}body {body!r} there are the columns {sorted(own)}; expected {AMPLITUDE} and "
+            f"{PHASE}, or {IN_PHASE} and {QUADRATURE}{', of all bodies or of none' if of else ''}"
         )
 
-    def _polar(self, amplitude: UnitColumn, phase: UnitColumn) -> np.ndarray:
+    def _polar(self, amplitude: UnitColumn, phase: UnitColumn, order: int) -> np.ndarray:
         numbers = self._numbers(amplitude.column)
         if (numbers < 0.0).any():
             point = int(np.argmax(numbers < 0.0))
@@ -206,7 +230,7 @@ class _Reading:
                 f"{numbers[point]:g} {amplitude.unit} in column {amplitude.column!r}; are amplitude and phase "
                 "exchanged? Parts with a sign are in-phase and quadrature"
             )
-        values, unit = self._scaled(amplitude, numbers)
+        values, unit = self._scaled(amplitude, numbers, order)
         turn = np.exp(1j * self._in(phase, "rad"))
         if not phase.of:
             return np.asarray(values * turn)
@@ -230,29 +254,30 @@ class _Reading:
             if doubt is not None:
                 warnings.warn(f"{self.sheet.path.name}: phase of {body}: {doubt}", stacklevel=2)
 
-    def _sigma(self, bodies: Sequence[str]) -> np.ndarray | None:
-        """Standard uncertainty (body, point) of either part  [m]; None where none is stated."""
-        stated = self.columns.sigma
+    def _sigma(self, bodies: Sequence[str], order: int) -> np.ndarray | None:
+        """Standard uncertainty (body, point) of either part of a harmonic  [m]; None where none is stated."""
+        stated = self.columns.sigma if order == 1 else self.columns.higher_sigma.get(order)
         if not stated:
             return None
         lacking = [body for body in bodies if body not in stated]
         if lacking:
+            of = f" of harmonic {order}" if order > 1 else ""
             raise CalibError(
-                f"{self.sheet.path}: {lacking[0]!r} has no sigma, which another body has; give it to all or to none"
+                f"{self.sheet.path}: {lacking[0]!r} has no sigma{of}, which another body has; give it to all or to none"
             )
-        return np.array([self._sigma_of(body, stated[body]) for body in bodies])
+        return np.array([self._sigma_of(body, stated[body], order) for body in bodies])
 
-    def _sigma_of(self, body: str, sigma: UnitColumn | str | float) -> np.ndarray:
+    def _sigma_of(self, body: str, sigma: UnitColumn | str | float, order: int) -> np.ndarray:
         if isinstance(sigma, UnitColumn):
-            return np.abs(self._scaled(sigma, self._numbers(sigma.column))[0])
-        first = next(column for (its, _), column in self.columns.of_body.items() if its == body)
+            return np.abs(self._scaled(sigma, self._numbers(sigma.column), order)[0])
+        columns = self.columns.of_body if order == 1 else self.columns.higher[order]
+        first = next(column for (its, _), column in columns.items() if its == body)
         try:
             unit = motion_quantity(sigma, (self.level_unit,)) if isinstance(sigma, str) else self._motion(
                 first, (self.level_unit,))._replace(factor=sigma)  # fmt: skip
         except CalibError as error:
             raise self._named(first, CalibError(f"sigma: {error}")) from error
-        over = self.excitation if unit.level else 1.0
-        return np.abs(unit.displacement(np.ones(self.frequency.size), self.omega) * over)
+        return np.abs(unit.displacement(np.ones(self.frequency.size), order * self.omega) * self._over(unit, order))
 
     def _frequency_sigma(self, sigma: UnitColumn | str | float) -> np.ndarray:
         if isinstance(sigma, UnitColumn):

@@ -11,7 +11,7 @@ import xarray as xr
 from calib.errors import CalibError, nearest
 from calib.execution.files import checksum
 from calib.records.delimited import TextLayout, read_text, stated_separator
-from calib.records.response import sweeps
+from calib.records.response import order_of, sweeps
 from calib.records.response_columns import (
     AMPLITUDE,
     IN_PHASE,
@@ -32,12 +32,13 @@ ATTRIBUTE = re.compile(r"^#\s*(?P<key>(?i:place|quantity|source|held))\s*[:=]\s*
 WITHOUT_UNIT = ("sweep", "direction")
 COMMON = ("frequency", "frequency sigma", "level", *WITHOUT_UNIT)
 PHASE_OF = re.compile(rf"^(?P<what>.* {PHASE}) of (?P<of>\w+)$", re.IGNORECASE)  # such as 'mass phase of displacement'
+HARMONIC = re.compile(r"^(?P<body>.+?)\s+harmonic\s+(?P<order>\S+)$", re.IGNORECASE)  # such as 'mass harmonic 2'
 OF_BODY = (AMPLITUDE, PHASE, IN_PHASE, QUADRATURE, "sigma")
 FORM = (
     "a frequency response has the columns 'frequency [Hz]' and, of each body, 'BODY amplitude [mm]' and "
     "'BODY phase [deg]', or 'BODY in-phase [mm]' and 'BODY quadrature [mm]'; further ones may be 'level [N]', "
     "'direction' (up or down), 'sweep', 'BODY sigma [mm]' and 'frequency sigma [Hz]'; amplitudes may be of a velocity "
-    "or an acceleration, such as 'BODY amplitude [m/s^2]'"
+    "or an acceleration, such as 'BODY amplitude [m/s^2]', and of a higher harmonic: 'BODY harmonic 2 amplitude [mm]'"
 )
 
 
@@ -51,7 +52,9 @@ def read_response(path: str | Path, level: StatedLevel | None = None) -> xr.Data
         frequency [Hz], level [N], direction, mass amplitude [mm], mass phase [deg], mass sigma [um]
 
     Amplitudes are of a displacement, a velocity or an acceleration, by their unit; the phase is that of the same motion
-    before the excitation, unless it says so: `mass phase of displacement [deg]`. Rows are in the order measured. Sweeps
+    before the excitation, unless it says so: `mass phase of displacement [deg]`. Those of a higher harmonic of order k
+    have its order in their names, `mass harmonic 2 amplitude [mm]` and `mass harmonic 2 phase [deg]`, and a phase
+    before k times that of the excitation. Rows are in the order measured. Sweeps
     are as `calib.records.sweep_numbers` tells them, unless a column `sweep` numbers them; without a direction it is
     that from the first to the last frequency.
 
@@ -146,7 +149,7 @@ def has_frequencies(path: Path) -> bool:
 def _columns(sheet: Sheet, level: StatedLevel | None) -> ResponseColumns:
     names = [name for name in sheet.columns if isinstance(name, str)]
     common: dict[str, UnitColumn] = {}
-    of_body: dict[tuple[str, str], UnitColumn] = {}
+    of_body: dict[int, dict[tuple[str, str], UnitColumn]] = {1: {}}
     for name in names:
         position = next(i for i in sheet.columns if isinstance(i, int) and sheet.columns[i] is sheet.columns[name])
         match = HEADING.match(name)
@@ -161,13 +164,17 @@ def _columns(sheet: Sheet, level: StatedLevel | None) -> ResponseColumns:
                 raise CalibError(f"{sheet.path}: two columns are {what!r}, one of them {name!r}; rename or drop one")
             common[what] = UnitColumn(position, unit)
         elif body and of in OF_BODY:
-            of_body[body, of] = UnitColumn(position, unit, of=motion)
+            body, order = _harmonic(body, f"{sheet.path}: column {name!r}")
+            own = of_body.setdefault(order, {})
+            if (body, of) in own:
+                raise CalibError(f"{sheet.path}: column {name!r} is the second one of its kind; rename or drop one")
+            own[body, of] = UnitColumn(position, unit, of=motion)
         else:
             hint = nearest(what, [*COMMON, *(f"{body} {one}" for one in OF_BODY if body)])
             raise CalibError(f"{sheet.path}: column {name!r} is not known{hint}; {FORM}")
         if not unit and what not in WITHOUT_UNIT:
             raise CalibError(f"{sheet.path}: column {name!r} states no unit; write it in brackets, as in '{what} [mm]'")
-    if "frequency" not in common or not of_body:
+    if "frequency" not in common or not of_body[1]:
         raise CalibError(f"{sheet.path}: the columns are {names}; {FORM}")
     excitation = common.get("level", level)
     if excitation is None:
@@ -176,15 +183,30 @@ def _columns(sheet: Sheet, level: StatedLevel | None) -> ResponseColumns:
             "amplitude in [record.excitation]"
         )
     sweep, direction = (common[what].column if what in common else None for what in WITHOUT_UNIT)
+    amplitudes, sigmas = (
+        {
+            order: {key: column for key, column in own.items() if (key[1] == "sigma") is is_sigma}
+            for order, own in of_body.items()
+        }
+        for is_sigma in (False, True)
+    )
     return ResponseColumns(
         common["frequency"],
-        {(body, what): column for (body, what), column in of_body.items() if what != "sigma"},
+        amplitudes.pop(1),
         excitation,
         common.get("frequency sigma"),
-        {body: column for (body, what), column in of_body.items() if what == "sigma"},
+        {body: column for (body, _), column in sigmas.pop(1).items()},
         sweep,
         direction,
+        amplitudes,
+        {order: {body: column for (body, _), column in own.items()} for order, own in sigmas.items()},
     )
+
+
+def _harmonic(body: str, where: str) -> tuple[str, int]:
+    """Body and order that a heading names, such as 'mass harmonic 2'; of one without an order the first harmonic."""
+    match = HARMONIC.match(body)
+    return (match["body"], order_of(match["order"], where)) if match else (body, 1)
 
 
 def _attributes(content: bytes, path: Path) -> dict[str, str]:

@@ -20,11 +20,12 @@ from calib.records.clipping import clipped_runs
 from calib.records.cycles import gaps_in, impact, kind_of_motion, phase_curve
 from calib.records.decay import is_free_decay, release, smoothed_record
 from calib.records.excitation import UNITS
-from calib.records.held_response import as_measured, is_held, unsteady
+from calib.records.held_response import is_held, unsteady
 from calib.records.repetition import other_frequency
-from calib.records.response import HELD, HELD_AMPLITUDE, SIGMA_SOURCE, complex_amplitude, has_phase, sweeps, tolerances
+from calib.records.response import HELD, SIGMA_SOURCE, complex_amplitude, has_phase, tolerances
 from calib.records.white_noise import shows_noise
 from calib.report.decay_description import decay_description
+from calib.report.response_description import response_description
 from calib.units import count, shown
 
 MAX_INTEGRAL_ERROR = 0.02  # of the velocity's integral, over the rms displacement, noise apart  [1]
@@ -32,7 +33,6 @@ SIGNIFICANT_Z = 4.0  # from which noise does not explain a difference  [standard
 MAX_GAP = 3.0  # between the last and the first sample of a closed curve, over its usual steps  [1]
 MAX_GAP_OVER_JUMP = 1.5  # the same over its largest step  [1]
 USUAL_STEP_QUANTILE = 0.98  # of the steps of a curve, which leaves out its jumps  [1]
-STEADY_LEVEL = 0.02  # range of the level of a sweep over its largest, up to which it is told as one  [1]
 MIN_SAMPLES_PER_CLIPPED_PERIOD = 20.0  # of the excitation; of fewer, noise is not told from the motion itself
 MIN_CONTACT_SAMPLES = 4.0  # of an impact whose duration is resolved
 
@@ -60,7 +60,7 @@ def record_description(record: xr.Dataset) -> Iterator[str]:
     if "source" in record.attrs:
         yield f"source: {record.attrs['source']}"
     if is_response(record):
-        yield from _response(record)
+        yield from response_description(record)
         return
     time, period = record.time.values, stated_period(record)
     step = float(np.median(np.diff(time))) if gaps_in(time).size else (time[-1] - time[0]) / (time.size - 1)
@@ -87,73 +87,6 @@ def record_description(record: xr.Dataset) -> Iterator[str]:
     if is_free_decay(record):
         yield from decay_description(record)
     yield from _nuisances(record)
-
-
-def response_text(record: xr.Dataset, quantity: str, place: str) -> str:
-    """Describe the excitation of a frequency response: quantity, place, levels and frequencies.
-
-    quantity, place : of the excitation, which a study may state in the place of the record; "" where neither does
-    """
-    frequency = record["frequency"].values
-    drive = " at the ".join(filter(None, (quantity, place))) or "an excitation that is not stated"
-    held = f", {record.attrs[HELD]} held at a set amplitude," if is_held(record) else ""
-    return (
-        f"swept by {drive}, {levels_text(record)}{held or ','} from {shown(float(frequency.min()), 'Hz')} to "
-        f"{shown(float(frequency.max()), 'Hz')}"
-    )
-
-
-def levels_text(record: xr.Dataset) -> str:
-    """Levels of all points of a frequency response as they were measured, such as "0.1 N to 0.6 N"."""
-    unit, level = str(record["level"].attrs["units"]), as_measured(record)["level"].values
-    low, high = shown(float(level.min()), unit), shown(float(level.max()), unit)
-    return low if low == high else f"{low} to {high}"
-
-
-def level_text(record: xr.Dataset, points: np.ndarray | slice) -> str:
-    """What was set at points, such as those of a sweep, or its range where it follows the frequency.
-
-    That is the amplitude of the excitation, or that of a body at which this was held.
-    """
-    if is_held(record):
-        return f"{record.attrs[HELD]} held at {_range(record[HELD_AMPLITUDE].values[points], 'm')}"
-    return _range(record["level"].values[points], str(record["level"].attrs["units"]))
-
-
-def _range(values: np.ndarray, unit: str) -> str:
-    if np.ptp(values) <= STEADY_LEVEL * values.max():
-        return shown(float(np.median(values)), unit)
-    return f"{shown(float(values.min()), unit)} .. {shown(float(values.max()), unit)}"
-
-
-def _response(record: xr.Dataset) -> Iterator[str]:
-    """Describe a frequency response, sweep by sweep."""
-    drive = (str(record.attrs.get(key, "")) for key in ("quantity", "place"))
-    yield f"frequency response of {record.sizes['point']} points: {response_text(record, *drive)}"
-    amplitude, stated = np.abs(complex_amplitude(record)), "response_sigma" in record
-    levels, unit = as_measured(record)["level"].values, str(record["level"].attrs["units"])
-    for sweep, points in sweeps(record):
-        way = "up" if record["direction"].values[points[0]] > 0.0 else "down"
-        if is_held(record):
-            least = points[int(np.argmin(levels[points]))]
-            at = shown(float(record["frequency"].values[least]), "Hz", 6)
-            size = _range(levels[points], unit)
-            yield (
-                f"sweep {sweep:g} {way}, {level_text(record, points)}, {points.size} points: level {size}, the least "
-                f"at {at}"
-            )
-            continue
-        for body, own in zip(record.body.values.tolist(), amplitude[:, points], strict=True):
-            top = int(np.argmax(own))
-            noise = ""
-            if stated:
-                sigma = float(record["response_sigma"].sel(body=body).values[points[top]])
-                noise = f", standard uncertainty {shown(sigma, 'm', 2)}"
-            yield (
-                f"sweep {sweep:g} {way}, level {level_text(record, points)}, {points.size} "
-                f"points: largest amplitude of {body} {shown(float(own[top]), 'm')} at "
-                f"{shown(float(record['frequency'].values[points[top]]), 'Hz', 6)}{noise}"
-            )
 
 
 def _nuisances(record: xr.Dataset) -> Iterator[str]:

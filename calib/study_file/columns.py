@@ -74,7 +74,7 @@ def stated_record(
             record, recorded = table.read(_table(how, drive, file))
             if how.tracking is None:
                 return record, recorded
-            return tracked(record, how.tracking.sine, how.tracking.cycles), None
+            return tracked(record, how.tracking.sine, how.tracking.cycles, how.tracking.harmonics), None
         return _response(how, excitation, file, key, mistakes), None
     except UnknownColumn as error:
         mistakes.add((*key, *_place_of(how, error.column)), str(error))
@@ -95,6 +95,11 @@ def _check_keys(how: TableTable, key: Key, mistakes: Mistakes) -> None:
     for index, channel in enumerate(how.channels):
         if channel.of is not None and (not over_frequency or channel.channel in (AMPLITUDE, IN_PHASE, QUADRATURE)):
             mistakes.add((*key, "table", "channels", index, "of"), f"of belongs to a {PHASE}; drop it")
+        if channel.harmonic > 1 and not over_frequency:
+            mistakes.add(
+                (*key, "table", "channels", index, "harmonic"),
+                "a harmonic belongs to a frequency response, and this table has no frequency; drop it",
+            )
 
 
 def _check_units(how: TableTable, drive: table.ExcitationColumn | None, key: Key, mistakes: Mistakes) -> None:
@@ -134,7 +139,7 @@ def _place_of(how: TableTable, column: str | int) -> Key:
 
 
 def _channels(how: TableTable) -> tuple[table.Channel, ...]:
-    return tuple(table.Channel(**channel.model_dump(exclude={"of"})) for channel in how.channels)
+    return tuple(table.Channel(**channel.model_dump(exclude={"of", "harmonic"})) for channel in how.channels)
 
 
 def _table(how: TableTable, drive: table.ExcitationColumn | None, file: Path) -> table.Table:
@@ -194,7 +199,7 @@ def _response(
     with mistakes.at(*key, "excitation", "unit"):
         _check_level(level, excitation)
     per = (unit_of(excitation.quantity),) if level is not None and excitation is not None else ()
-    of_body: dict[tuple[str, str], UnitColumn] = {}
+    of_body: dict[int, dict[tuple[str, str], UnitColumn]] = {1: {}}
     for index, channel in enumerate(how.channels):
         place = (*key, "table", "channels", index)
         if channel.channel not in PARTS_OF_RESPONSE:
@@ -204,11 +209,11 @@ def _response(
                 f"{nearest(channel.channel, PARTS_OF_RESPONSE)}",
             )
             continue
-        if (channel.body, channel.channel) in of_body:
-            mistakes.add(place, f"a second column is the {channel.channel} of body {channel.body!r}; keep one")
-        of_body[channel.body, channel.channel] = UnitColumn(
-            channel.column, channel.unit, channel.scale, channel.of or ""
-        )
+        own = of_body.setdefault(channel.harmonic, {})
+        if (channel.body, channel.channel) in own:
+            of = f" of harmonic {channel.harmonic}" if channel.harmonic > 1 else ""
+            mistakes.add(place, f"a second column is the {channel.channel}{of} of body {channel.body!r}; keep one")
+        own[channel.body, channel.channel] = UnitColumn(channel.column, channel.unit, channel.scale, channel.of or "")
         with mistakes.at(*place, "unit"):
             _check_part(channel, per)
         with mistakes.at(*place, "sigma"):
@@ -222,10 +227,13 @@ def _response(
         to_si(1.0 if frequency.sigma is None else frequency.sigma, "Hz")
     if mistakes.within(*key):
         return None
+    sigmas: dict[int, dict[str, UnitColumn | str | float]] = {order: {} for order in of_body}
+    for channel in how.channels:
+        if channel.sigma is not None:
+            sigmas[channel.harmonic][channel.body] = channel.sigma
     columns = ResponseColumns(
-        UnitColumn(frequency.column, frequency.unit), of_body, level, frequency.sigma,
-        {channel.body: channel.sigma for channel in how.channels if channel.sigma is not None},
-        how.sweep, how.direction,
+        UnitColumn(frequency.column, frequency.unit), of_body.pop(1), level, frequency.sigma, sigmas.pop(1), how.sweep,
+        how.direction, of_body, sigmas,
     )  # fmt: skip
     layout = TextLayout(**how.model_dump(include=TEXT_KEYS, exclude_none=True))
     return read_response_columns(ResponseTable(file, columns, how.elements, how.first, how.last, layout))

@@ -11,6 +11,7 @@ from calib.execution.pools.settings import PoolKind
 from calib.modelling.parameter import Scale
 from calib.objective.terms import Use
 from calib.records.order_tracking import CYCLES
+from calib.records.response import HIGHEST_ORDER
 from calib.store.record_files import Keep
 
 
@@ -150,6 +151,8 @@ class ChannelTable(TomlTable):
     """Standard uncertainty of a sample, in the unit of the channel or with its own; over frequency of either part."""
     of: Literal["displacement", "velocity", "acceleration"] | None = None
     """Of a phase, the motion that it is the phase of, before the excitation; without it that of the amplitude."""
+    harmonic: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)] = 1
+    """Over frequency, the order of the harmonic; the phase of a higher one is before so many times the excitation's."""
 
 
 class ClockTable(TomlTable):
@@ -175,6 +178,8 @@ class TrackingTable(TomlTable):
     """Whether the frequency of the excitation is stepped or swept."""
     cycles: Annotated[int, Field(ge=8)] = CYCLES
     """Cycles of the excitation in a window, of which each is a point: more have less noise, and less resolution."""
+    harmonics: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)] = 1
+    """Highest harmonic of the motion that is tracked."""
 
 
 class TableTable(TomlTable):

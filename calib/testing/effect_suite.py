@@ -23,7 +23,7 @@ from calib.modelling.simulator import Request, Simulator
 from calib.plugins import load
 from calib.records import channels
 from calib.records.excitation import Excitation
-from calib.records.response import PARTS, is_response, make_response
+from calib.records.response import is_response, make_response, parts_of
 
 
 class EffectSuite:
@@ -61,7 +61,7 @@ class EffectSuite:
     def largest_change(self, **values: float) -> float:
         """Return the largest change of any channel against the model without the effect, in units of its range [1]."""
         plain, with_it = self.run(), self.run(self.effect, **values)
-        compared = PARTS if is_response(plain) else channels(plain)
+        compared = parts_of(plain) if is_response(plain) else channels(plain)
         return max(float(np.abs(with_it[c] - plain[c]).max() / np.ptp(plain[c].values)) for c in compared)
 
     def test_it_is_absent_at_its_null_value(self) -> None:

@@ -9,7 +9,7 @@ import xarray as xr
 from calib.objective import Objective
 from calib.records import CHANNELS, channels, is_response, prescribed
 from calib.report.formatting import number
-from calib.report.record_description import levels_text
+from calib.report.response_description import levels_text
 
 MAX_AMPLITUDE_RATIO = 100.0  # of measured to simulated rms, or its inverse: beyond, a unit is suspected  [1]
 

@@ -7,7 +7,7 @@ from calib.diagnosis.evidence import pairs_compared
 from calib.diagnosis.noise import STATED, Noise
 from calib.objective import Objective
 from calib.objective.stable_stretches import read_at
-from calib.records.response import AMPLITUDE_SIGMA_SHARE, complex_amplitude, tolerances
+from calib.records.response import AMPLITUDE_SIGMA_SHARE, PARTS, complex_amplitude, tolerances
 from calib.workflows.residual import beside_simulation
 
 AMPLITUDE = "amplitude"  # channel of a response: modulus of the complex amplitude  [m]
@@ -47,10 +47,10 @@ def noise_of_amplitudes(objective: Objective, name: str, simulated: xr.Dataset) 
     if beside is not None:
         part, _ = beside
         rows = zip(part.rows, part.noise, part.used, strict=True)
-        known = {row: noise for row, noise, used in rows if used.any()}
+        known = {row: noise for row, noise, used in rows if used.any() and row[1] in PARTS}
     else:  # there are too few points to estimate it from
         source = STATED if "response_sigma" in record else ASSUMED_NOISE
-        known = {row: Noise(1.0, np.zeros(0), source) for row in pairs_compared(objective)[name]}
+        known = {row: Noise(1.0, np.zeros(0), source) for row in pairs_compared(objective)[name] if row[1] in PARTS}
     sigma, bodies = _amplitude_sigmas(record, simulated), record.body.values.tolist()
     found = {}
     for body in dict.fromkeys(own for own, _ in known):

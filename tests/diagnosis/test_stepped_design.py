@@ -73,10 +73,10 @@ def test_what_is_read_is_uncertain_in_proportion_to_the_motion():
     measured = response()
     unread = unread_sweeps(DesignPoint(STEPPED_SINE, 0.8, 4.0, 6.0), measured)
     amplitude = 0.03 * np.exp(1j * unread.frequency.values)[None]
-    read = as_read(unread, amplitude, measured, part_of(reference(measured)))
+    read = as_read(unread, amplitude[None], measured, part_of(reference(measured)))
     assert complex_amplitude(read) == pytest.approx(amplitude)
     assert read.response_sigma.values == pytest.approx(SIGMA * 0.03 / (0.01 * 0.5))  # as at the largest level
-    alone = as_read(unread, amplitude, response(phases=UNKNOWN_PHASE), part_of(reference(measured)))
+    alone = as_read(unread, amplitude[None], response(phases=UNKNOWN_PHASE), part_of(reference(measured)))
     assert alone.in_phase.values == pytest.approx(0.03)
     assert not alone.quadrature.values.any()
 
@@ -86,7 +86,7 @@ def test_an_uncertainty_that_grows_with_the_amplitude_does_so_in_what_is_read():
     size = np.linspace(1e-4, 5e-3, 11)[None]
     measured = with_amplitude(measured, size * (1.0 + 0.0j)).assign(response_sigma=(("body", "point"), 0.02 * size))
     unread = unread_sweeps(DesignPoint(STEPPED_SINE, 1.0, 4.0, 6.0), measured)
-    read = as_read(unread, 3.0 * size[:, ::-1] + 0.0j, measured, part_of(reference(response())))
+    read = as_read(unread, 3.0 * size[None, :, ::-1] + 0.0j, measured, part_of(reference(response())))
     assert read.response_sigma.values == pytest.approx(0.02 * 3.0 * size[:, ::-1], rel=1e-6)
 
 

@@ -26,7 +26,7 @@ from calib.diagnosis.signature import Point
 from calib.objective import Reference
 from calib.records.held_response import is_held
 from calib.records.replicates import levels_of_sweeps
-from calib.records.response import HELD_AMPLITUDE, complex_amplitude, sweeps, tolerances
+from calib.records.response import HELD_AMPLITUDE, PARTS, complex_amplitude, sweeps, tolerances
 
 CALIBRATED, EXTENDED = "calibrated", "extended"  # models, beside rivals by their names
 MAX_COMPARED_RIVALS = 2  # that are simulated again, of those whose fits are known  [count]
@@ -82,7 +82,8 @@ class LevelledResponse:
 
     def peaks(self, amplitude: np.ndarray) -> dict[float, Peak]:
         """Peak of the receptance of each sweep, of complex amplitudes (point,) of the body at the measured points."""
-        record, rows = self.reference.record, [k for k, (body, _) in enumerate(self.part.rows) if body == self.name]
+        record, own = self.reference.record, [(self.name, part) for part in PARTS]
+        rows = [k for k, row in enumerate(self.part.rows) if row in own]
         noises = [self.part.noise[k] for k in rows if self.part.used[k].any()]
         ratio = np.sqrt(np.mean([(noise.sigma * noise.profile * np.ones(amplitude.size)) ** 2 for noise in noises], 0))
         of_frequency, of_parts = tolerances(record)
@@ -134,7 +135,7 @@ def compared_levels(
     found = []
     for one in several:
         read = {name: next(views).read for name in models}
-        known = {name: one.peaks(own[one.body]) for name, own in read.items() if own.shape[-1]}
+        known = {name: one.peaks(own[0, one.body]) for name, own in read.items() if own.shape[-1]}
         found.append(_result(one, known, bench, selection))
     return tuple(found)
 

@@ -11,6 +11,7 @@ from calib.records.cycles import WITHOUT_KIND
 from calib.records.decay import FREE_DECAY
 from calib.records.excitation import Excitation
 from calib.records.held_response import is_held
+from calib.records.response import harmonic_orders, sigma_of_order
 from calib.report.formatting import number, percent, quantity
 from calib.report.pages.picture import Picture, pictured
 from calib.report.plots.decay import decay_curves
@@ -24,7 +25,8 @@ from calib.report.plots.records import (
     is_drawable,
 )
 from calib.report.plots.residuals import residual_over_phase, residual_structure
-from calib.report.record_description import response_text, standard_uncertainty
+from calib.report.record_description import standard_uncertainty
+from calib.report.response_description import response_text
 from calib.study import CalibrationResult, CalibrationStudy
 from calib.units import MILLI
 
@@ -33,8 +35,9 @@ PHASE_CURVE = "Phase curves: velocity over displacement."
 HISTORY = "Time histories."
 IMPACTS = " Triangles and dashed lines mark impacts in the simulation."
 RESPONSE = (
-    "Amplitude and phase over the frequency of the excitation, a colour a level: measured points, and the stable "
-    "motions that sweeps of these levels and directions run through. Triangles point in the direction of the sweep."
+    "Amplitude and phase of each harmonic over the frequency of the excitation, a colour a level: measured points, and "
+    "the stable motions that sweeps of these levels and directions run through. Triangles point in the direction of "
+    "the sweep."
 )
 HELD_RESPONSE = (
     "Amplitude and phase over the frequency of the excitation, a colour for each amplitude that was held: measured "
@@ -224,11 +227,12 @@ def excitation_text(excitation: Excitation, clock_rate: float = 0.0) -> str:
 
 def noise_text(record: xr.Dataset) -> str:
     """Write the standard uncertainty that a record states of each channel (median over its samples); "" without any."""
-    stated = []
+    stated = list[str]()
     if is_response(record):
-        if "response_sigma" in record:
-            rows = zip(record.body.values.tolist(), record["response_sigma"].values, strict=True)
-            stated = [f"response of {body} {quantity(float(np.median(own)), 'm', 2)}" for body, own in rows]
+        for order in harmonic_orders(record):
+            name, of = sigma_of_order(order), "response" if order == 1 else f"harmonic {order}"
+            rows = zip(record.body.values.tolist(), record[name].values, strict=True) if name in record else ()
+            stated += [f"{of} of {body} {quantity(float(np.median(own)), 'm', 2)}" for body, own in rows]
         return f"stated standard uncertainty: {', '.join(stated)}" if stated else "no uncertainty stated"
     for body, channel in channel_pairs(record):
         sigma = standard_uncertainty(record, body, channel)

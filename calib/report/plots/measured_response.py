@@ -13,9 +13,18 @@ from matplotlib.lines import Line2D
 
 from calib.execution.files import whole
 from calib.records.held_response import is_held
-from calib.records.response import complex_amplitude, has_phase, sweeps, tolerances
+from calib.records.response import (
+    complex_harmonics,
+    harmonic_orders,
+    harmonic_tolerances,
+    has_phase,
+    parts_of_order,
+    stated_sigma,
+    sweeps,
+    tolerances,
+)
 from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, fitted_legend, png
-from calib.report.record_description import level_text
+from calib.report.response_description import level_text
 from calib.units import shown_unit
 
 SWEEPS = mpl.colormaps["viridis"]  # colours of the sweeps, by rising level
@@ -24,10 +33,14 @@ MAX_LEGEND_SWEEPS = 12  # count: six levels up and down
 MAX_LEGEND_COLUMNS = 5  # count
 BAR_SIGMAS = 2.0  # standard uncertainties on either side of a point
 UP, DOWN = "^", "v"  # markers of points of a sweep up and down
+FIRST_HEIGHT, HIGHER_HEIGHT = (
+    4.4,
+    3.4,
+)  # of amplitude and phase of the first harmonic of a body, and of a higher  [inch]
 
 
 def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
-    """Amplitude and phase of each body: measured points, and the stable stretches that its sweeps run through.
+    """Amplitude and phase of each harmonic of each body: measured points, and the stable stretches of its sweeps.
 
     Triangles point in the direction of the sweep; bars are 2 standard uncertainties, where the record states them.
 
@@ -36,18 +49,20 @@ def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) 
     measured : frequency response
     simulated : the response that was simulated, see `calib.dynamics.swept_response`; None: there is none
     """
-    bodies = [str(body) for body in measured.body.values]
+    rows = [(str(body), order) for body in measured.body.values for order in harmonic_orders(measured)]
+    heights = [FIRST_HEIGHT if order == 1 else HIGHER_HEIGHT for _, order in rows]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(TEXT_WIDTH * 1.1, 4.4 * len(bodies)), dpi=DPI, layout="constrained")
-        grid = figure.subplots(2 * len(bodies), 1, sharex=True, height_ratios=[3.0, 2.0] * len(bodies))
+        figure = Figure(figsize=(TEXT_WIDTH * 1.1, sum(heights)), dpi=DPI, layout="constrained")
+        ratios = [share * height for height in heights for share in (3.0, 2.0)]
+        grid = figure.subplots(2 * len(rows), 1, sharex=True, height_ratios=ratios)
         colours = _colours(measured)
-        for row, body in enumerate(bodies):
-            upper, lower = grid[2 * row], grid[2 * row + 1]
-            scale, unit = _points(upper, lower, measured, body, colours)
+        for (body, order), (upper, lower) in zip(rows, grid.reshape(-1, 2), strict=True):
+            scale, unit = _points(upper, lower, measured, body, order, colours)
             if simulated is not None and body in simulated.body.values:
-                _curves(upper, lower, simulated, body, colours, scale)
+                _curves(upper, lower, simulated, body, order, colours, scale)
             at = " at one level" if is_held(measured) else ""
-            upper.set_ylabel(f"{body}: amplitude{at} [{unit}]")
+            what = "amplitude" if order == 1 else f"harmonic {order}"
+            upper.set_ylabel(f"{body}: {what}{at} [{unit}]")
             upper.set_ylim(0.0, None)
             lower.set_ylabel("Phase [deg]")
         grid[-1].set_xlabel("Frequency of the excitation [Hz]")
@@ -64,19 +79,21 @@ def response_residual(measured: xr.Dataset, aligned: xr.Dataset) -> Figure:
     ----------
     aligned : the nearest points of the simulated curves, as `Objective.aligned` returns them
     """
-    bodies = [str(body) for body in measured.body.values]
-    of_frequency, of_parts = tolerances(measured)
-    apart = np.abs(complex_amplitude(aligned.sel(body=bodies)) - complex_amplitude(measured)) / of_parts
+    bodies, orders = [str(body) for body in measured.body.values], harmonic_orders(measured)
+    of_frequency, of_parts = tolerances(measured)[0], harmonic_tolerances(measured)
+    left = np.abs(complex_harmonics(aligned.sel(body=bodies)) - complex_harmonics(measured)) / of_parts
+    rows = [(body, order) for body in range(len(bodies)) for order in range(len(orders))]
     in_frequency = (aligned["frequency"].values - measured["frequency"].values) / of_frequency
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(TEXT_WIDTH * 1.1, 1.7 * (len(bodies) + 1)), dpi=DPI, layout="constrained")
-        grid = figure.subplots(len(bodies) + 1, 1, sharex=True)
+        figure = Figure(figsize=(TEXT_WIDTH * 1.1, 1.7 * (len(rows) + 1)), dpi=DPI, layout="constrained")
+        grid = figure.subplots(len(rows) + 1, 1, sharex=True)
+        drawn = [*(left[order, body] for body, order in rows), in_frequency]
         for points, look in sweep_look(measured):
-            for row, axes in enumerate(grid):
-                values = apart[row] if row < len(bodies) else in_frequency
+            for axes, values in zip(grid, drawn, strict=True):
                 axes.plot(measured["frequency"].values[points], values[points], markersize=3.5, linewidth=0.6, **look)
-        for axes, body in zip(grid, bodies, strict=False):
-            axes.set_ylabel(f"{body}:\n|dH| / sigma")
+        for axes, (body, order) in zip(grid, rows, strict=False):
+            index = "" if order == 0 else f"_{orders[order]}"
+            axes.set_ylabel(f"{bodies[body]}:\n|dH{index}| / sigma")
             axes.set_ylim(0.0, None)
         grid[-1].set_ylabel("dF / sigma")
         grid[-1].set_xlabel("Frequency of the excitation [Hz]")
@@ -131,12 +148,14 @@ def _markers(measured: xr.Dataset) -> dict[float, str]:
 
 
 def _points(
-    upper: Axes, lower: Axes, measured: xr.Dataset, body: str, colours: dict[float, tuple[float, float, float, float]]
-) -> tuple[float, str]:
-    own, frequency = complex_amplitude(measured.sel(body=[body]))[0], measured["frequency"].values
+    upper: Axes, lower: Axes, measured: xr.Dataset, body: str, order: int,
+    colours: dict[float, tuple[float, float, float, float]],
+) -> tuple[float, str]:  # fmt: skip
+    own, frequency = _harmonic(measured, body, order), measured["frequency"].values
     scale, unit = shown_unit("m", float(np.abs(own).max()))
     markers = _markers(measured)
-    sigma = measured["response_sigma"].sel(body=body).values if "response_sigma" in measured else None
+    stated = stated_sigma(measured, parts_of_order(order)[0])
+    sigma = None if stated is None else measured[stated].sel(body=body).values
     for sweep, points in sweeps(measured):
         look: dict[str, Any] = {
             "color": colours[sweep], "marker": markers[sweep], "markersize": 3.5, "linestyle": "none",
@@ -144,23 +163,30 @@ def _points(
         half = None if sigma is None else BAR_SIGMAS * scale * sigma[points]
         upper.errorbar(frequency[points], scale * np.abs(own[points]), half, elinewidth=0.6, **look)
         if has_phase(measured):
-            lower.plot(frequency[points], _phase(own[points]), **look)
+            lower.plot(frequency[points], _phase(own[points], order), **look)
     return scale, unit
 
 
 def _curves(
-    upper: Axes, lower: Axes, simulated: xr.Dataset, body: str, colours: dict[float, tuple[float, float, float, float]],
-    scale: float,
+    upper: Axes, lower: Axes, simulated: xr.Dataset, body: str, order: int,
+    colours: dict[float, tuple[float, float, float, float]], scale: float,
 ) -> None:  # fmt: skip
-    own, frequency = complex_amplitude(simulated.sel(body=[body]))[0], simulated["frequency"].values
+    own, frequency = _harmonic(simulated, body, order), simulated["frequency"].values
     for piece in np.unique(simulated["piece"].values):
         at = np.flatnonzero(simulated["piece"].values == piece)
         colour = colours[float(simulated["sweep"].values[at[0]])]
         upper.plot(frequency[at], scale * np.abs(own[at]), color=colour, linewidth=1.1)
-        lower.plot(frequency[at], _phase(own[at]), color=colour, linewidth=1.1)
+        phase = _phase(own[at], order)
+        wraps = np.abs(np.diff(phase, prepend=phase[0])) > 180.0
+        lower.plot(frequency[at], np.where(wraps, np.nan, phase), color=colour, linewidth=1.1)
 
 
-def _phase(amplitude: np.ndarray) -> np.ndarray:
-    """Phase between -270 and 90 degrees: a response lags its excitation."""
+def _harmonic(response: xr.Dataset, body: str, order: int) -> np.ndarray:
+    """Complex amplitude (point,) of a harmonic of a body  [m]."""
+    return np.asarray(complex_harmonics(response.sel(body=[body]))[harmonic_orders(response).index(order), 0])
+
+
+def _phase(amplitude: np.ndarray, order: int) -> np.ndarray:
+    """Phase [deg] between -270 and 90: a first harmonic lags its excitation; of a higher one between -180 and 180."""
     degrees = np.degrees(np.angle(amplitude))
-    return np.where(degrees > 90.0, degrees - 360.0, degrees)
+    return np.where(degrees > 90.0, degrees - 360.0, degrees) if order == 1 else degrees

@@ -1,0 +1,100 @@
+"""What a frequency response holds, in sentences and in the words of figures."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+
+from calib.records.held_response import as_measured, is_held
+from calib.records.response import (
+    HELD,
+    HELD_AMPLITUDE,
+    complex_amplitude,
+    complex_harmonics,
+    harmonic_orders,
+    sweeps,
+)
+from calib.units import shown
+
+STEADY_LEVEL = 0.02  # range of the level of a sweep over its largest, up to which it is told as one  [1]
+
+
+def response_text(record: xr.Dataset, quantity: str, place: str) -> str:
+    """Describe the excitation of a frequency response: quantity, place, levels and frequencies.
+
+    quantity, place : of the excitation, which a study may state in the place of the record; "" where neither does
+    """
+    frequency = record["frequency"].values
+    drive = " at the ".join(filter(None, (quantity, place))) or "an excitation that is not stated"
+    held = f", {record.attrs[HELD]} held at a set amplitude," if is_held(record) else ""
+    return (
+        f"swept by {drive}, {levels_text(record)}{held or ','} from {shown(float(frequency.min()), 'Hz')} to "
+        f"{shown(float(frequency.max()), 'Hz')}"
+    )
+
+
+def levels_text(record: xr.Dataset) -> str:
+    """Levels of all points of a frequency response as they were measured, such as "0.1 N to 0.6 N"."""
+    unit, level = str(record["level"].attrs["units"]), as_measured(record)["level"].values
+    low, high = shown(float(level.min()), unit), shown(float(level.max()), unit)
+    return low if low == high else f"{low} to {high}"
+
+
+def level_text(record: xr.Dataset, points: np.ndarray | slice) -> str:
+    """What was set at points, such as those of a sweep, or its range where it follows the frequency.
+
+    That is the amplitude of the excitation, or that of a body at which this was held.
+    """
+    if is_held(record):
+        return f"{record.attrs[HELD]} held at {_range(record[HELD_AMPLITUDE].values[points], 'm')}"
+    return _range(record["level"].values[points], str(record["level"].attrs["units"]))
+
+
+def _range(values: np.ndarray, unit: str) -> str:
+    if np.ptp(values) <= STEADY_LEVEL * values.max():
+        return shown(float(np.median(values)), unit)
+    return f"{shown(float(values.min()), unit)} .. {shown(float(values.max()), unit)}"
+
+
+def response_description(record: xr.Dataset) -> Iterator[str]:
+    """Describe a frequency response, sweep by sweep."""
+    drive = (str(record.attrs.get(key, "")) for key in ("quantity", "place"))
+    orders = harmonic_orders(record)
+    of = f" of harmonics {', '.join(map(str, orders))}" if len(orders) > 1 else ""
+    yield f"frequency response{of} of {record.sizes['point']} points: {response_text(record, *drive)}"
+    amplitude, stated = np.abs(complex_amplitude(record)), "response_sigma" in record
+    levels, unit = as_measured(record)["level"].values, str(record["level"].attrs["units"])
+    for sweep, points in sweeps(record):
+        way = "up" if record["direction"].values[points[0]] > 0.0 else "down"
+        if is_held(record):
+            least = points[int(np.argmin(levels[points]))]
+            at = shown(float(record["frequency"].values[least]), "Hz", 6)
+            size = _range(levels[points], unit)
+            yield (
+                f"sweep {sweep:g} {way}, {level_text(record, points)}, {points.size} points: level {size}, the least "
+                f"at {at}{_largest_harmonics(as_measured(record), record.attrs[HELD], points)}"
+            )
+            continue
+        for body, own in zip(record.body.values.tolist(), amplitude[:, points], strict=True):
+            top = int(np.argmax(own))
+            noise = ""
+            if stated:
+                sigma = float(record["response_sigma"].sel(body=body).values[points[top]])
+                noise = f", standard uncertainty {shown(sigma, 'm', 2)}"
+            yield (
+                f"sweep {sweep:g} {way}, level {level_text(record, points)}, {points.size} "
+                f"points: largest amplitude of {body} {shown(float(own[top]), 'm')} at "
+                f"{shown(float(record['frequency'].values[points[top]]), 'Hz', 6)}{noise}"
+                f"{_largest_harmonics(record, body, points)}"
+            )
+
+
+def _largest_harmonics(record: xr.Dataset, body: str, points: np.ndarray) -> str:
+    """Name the largest amplitude of each higher harmonic of a body in a sweep; "" where there is none."""
+    found = []
+    row, frequency = record.body.values.tolist().index(body), record["frequency"].values[points]
+    for order, own in zip(harmonic_orders(record)[1:], np.abs(complex_harmonics(record)[1:, row]), strict=True):
+        top = int(np.argmax(own[points]))
+        size, at = shown(float(own[points[top]]), "m"), shown(float(frequency[top]), "Hz", 6)
+        found.append(f"; harmonic {order}: {size} at {at}")
+    return "".join(found)
