@@ -20,11 +20,11 @@ from calib.simulators.oscillator import Oscillator
 from calib.store import Store
 from calib.study import CalibrationStudy, evaluate
 
-TRUTH = {"stiffness": 400.0, "damping": 1.0, "k2": 4e3}  # N/m, N s/m, 1/(m s^2)
-LEVEL, PHASE = 0.1, 2.1  # N, rad
-FREQUENCIES = np.linspace(2.9, 3.5, 13)  # Hz
-NOISE = 5e-6  # of either part of any harmonic  [m]
-SETTLING_PERIODS, SAMPLES = 60, 64  # count
+TRUTH = {"stiffness": 400.0, "damping": 10.0, "k2": 1e3}  # N/m, N s/m, 1/(m s^2)
+LEVEL, PHASE = 4.0, 2.1  # N, rad
+FREQUENCIES = np.linspace(2.6, 3.8, 13)  # Hz
+NOISE = 2e-5  # of either part of any harmonic  [m]
+SETTLING_PERIODS, SAMPLES = 16, 64  # count
 FORCE = Excitation("mass", "force", frequency=3.0, amplitude=1.0)
 
 
@@ -53,14 +53,14 @@ def measured():
 
 def standard_errors(record, folder):
     """Value and standard error of each parameter, as a calibration has them."""
-    windows = {"stiffness": Window(380.0, 420.0), "damping": Window(0.5, 2.0, "log"), "k2": Window(500.0, 8e3)}
+    windows = {"stiffness": Window(380.0, 420.0), "damping": Window(8.0, 12.0), "k2": Window(0.0, 3e3)}
     study = CalibrationStudy(
         name="harmonics",
         model=Model(Oscillator(), [QUADRATIC_STIFFNESS]),
         space=Space(windows, {"mass": 1.0}),
         objective=Objective({"stepped": Reference("stepped", record, excitation=FORCE)}, [Term(ResponseDistance())]),
         optimiser=Multistart,
-        budget=60,
+        budget=40,
         seed=1,
     )
     pool = InProcess(partial(evaluate, study.without_search()))
@@ -79,5 +79,5 @@ def test_a_second_harmonic_determines_a_quadratic_spring_that_the_first_hardly_s
     for name, truth in TRUTH.items():
         value, error = whole[name]
         assert abs(value - truth) < 4.0 * error, name
-    assert whole["k2"][1] < 0.03 * TRUTH["k2"]
-    assert "k2" not in first or first["k2"][1] > 3.0 * whole["k2"][1]
+    assert whole["k2"][1] < 0.06 * TRUTH["k2"]
+    assert "k2" not in first or first["k2"][1] > 4.0 * whole["k2"][1]
