@@ -26,7 +26,7 @@ from calib.objective.stable_stretches import read_at
 from calib.plugins import load
 from calib.records import make
 from calib.records.excitation import Excitation
-from calib.records.response import UNKNOWN_PHASE, complex_amplitude, make_response, with_amplitude
+from calib.records.response import UNKNOWN_PHASE, complex_amplitude, complex_harmonics, make_response, with_amplitude
 from calib.study import CalibrationStudy
 
 MODEL = Model(load("calib.simulators", "oscillator")())
@@ -88,6 +88,19 @@ def test_an_uncertainty_that_grows_with_the_amplitude_does_so_in_what_is_read():
     unread = unread_sweeps(DesignPoint(STEPPED_SINE, 1.0, 4.0, 6.0), measured)
     read = as_read(unread, 3.0 * size[None, :, ::-1] + 0.0j, measured, part_of(reference(response())))
     assert read.response_sigma.values == pytest.approx(0.02 * 3.0 * size[:, ::-1], rel=1e-6)
+
+
+def test_harmonics_are_read_with_noise_in_proportion_to_the_first():
+    plain, second = response(), np.full((1, 44), 1e-5 + 0.0j)
+    measured = plain.assign(
+        {name: (("body", "point"), part, {"units": "m"}) for name, part in
+         (("in_phase_2", second.real), ("quadrature_2", second.imag), ("response_2_sigma", np.full((1, 44), 1e-6)))}
+    )  # fmt: skip
+    unread = unread_sweeps(DesignPoint(STEPPED_SINE, 0.8, 4.0, 6.0), measured)
+    own = np.array([0.03, 2e-4])[:, None, None] * np.exp(1j * unread.frequency.values)
+    read = as_read(unread, own, measured, part_of(reference(measured)))
+    np.testing.assert_allclose(complex_harmonics(read), own)
+    assert read.response_2_sigma.values == pytest.approx(1e-6 * 0.03 / (0.01 * 0.5))
 
 
 def test_levels_stepped_at_each_frequency_give_sweeps_over_all_of_them():

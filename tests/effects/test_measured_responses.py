@@ -8,7 +8,7 @@ from calib.effects.residual_compliance import EFFECT as RESIDUAL_COMPLIANCE
 from calib.effects.response_lag import EFFECT as RESPONSE_LAG
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
-from calib.records.response import complex_amplitude, make_response
+from calib.records.response import complex_amplitude, complex_harmonics, make_response
 from calib.simulators.four_dof import FourDof
 from calib.simulators.oscillator import Oscillator
 
@@ -56,6 +56,17 @@ def test_damping_seems_to_differ_between_the_sides_of_the_resonance():
     np.testing.assert_allclose(seeming, expected, rtol=1e-3)
     assert seeming[0] < 0.9 * DAMPING
     assert seeming[-1] > 1.1 * DAMPING
+
+
+def test_a_residual_has_no_higher_harmonic_and_a_lag_turns_each_by_its_own_frequency():
+    frequency, ones = np.array([2.0, 5.0]), np.ones((1, 2))
+    record = make_response(frequency, ["mass"], ones, 0.5, "N", higher={3: 2.0 * ones}, place="mass", quantity="force")
+    both = Model(Oscillator(), [RESIDUAL_COMPLIANCE, RESPONSE_LAG])
+    own = {"residual_compliance": -0.1, "response_lag": 0.0}
+    np.testing.assert_allclose(complex_harmonics(both.measured_response(record, own))[:, 0, 0], [0.95, 2.0])
+    late = complex_harmonics(both.measured_response(record, {"residual_compliance": 0.0, "response_lag": 0.01}))
+    turn = np.exp(-2j * np.pi * 0.01 * frequency)
+    np.testing.assert_allclose(late[:, 0], [turn, 2.0 * turn**3])
 
 
 def test_the_residual_is_of_the_driven_body_and_of_forces_alone():

@@ -26,6 +26,14 @@ def test_a_response_that_does_not_state_its_excitation_is_said_not_to():
     assert next(record_description(stated)) == described.format("force at the mass")
 
 
+def test_harmonics_of_a_response_are_told_with_their_largest_amplitudes():
+    second = np.array([[2e-6, 5e-6]])
+    record = make_response(np.array([1.0, 1.1]), ["mass"], 1e-3 * np.ones((1, 2)), 0.5, "N", higher={2: second})
+    first, sweep = record_description(record)
+    assert first.startswith("frequency response of harmonics 1, 2 of 2 points: ")
+    assert sweep.endswith("largest amplitude of mass 1 mm at 1 Hz; harmonic 2: 5 um at 1.1 Hz")
+
+
 def driven(values, time, **channels):
     """Record of one mass driven at 10 Hz."""
     stated = {"frequency": 10.0, "place": "mass", "quantity": "force"}

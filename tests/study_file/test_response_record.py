@@ -148,3 +148,32 @@ def test_what_no_simulation_answers_is_refused_when_the_study_is_read(tmp_path, 
     with pytest.raises(CalibError, match=rf"{re.escape(key)}: .*{message}"):
         load(study(tmp_path, *changes))
     load(study(tmp_path, *(DISTORTED if key == "excitation" else [HELD])))
+
+
+def test_a_harmonic_has_columns_of_its_own(tmp_path):
+    second = (
+        '{ column = "held(*).a", body = "mass", channel = "in-phase", unit = "mm", harmonic = 2, sigma = "1 um" },'
+        '{ column = "held(*).p", body = "mass", channel = "quadrature", unit = "um", harmonic = 2 },\n]'
+    )
+    record = (
+        load(study(tmp_path, (' of = "displacement" },\n]', f' of = "displacement" }},\n    {second}')))
+        .reference("bench")
+        .record
+    )
+    np.testing.assert_allclose(record.in_phase_2[0], 1e-4)
+    np.testing.assert_allclose(record.quadrature_2[0], [-80e-6, -100e-6] * 2)
+    np.testing.assert_allclose(record.response_2_sigma, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("harmonic", "message"),
+    [
+        ("harmonic = 0", "harmonic"),
+        ("harmonic = 8", "harmonic"),
+        ("harmonic = 2", r"of body 'mass' there are the columns \['amplitude'\]"),
+    ],
+)
+def test_a_harmonic_that_is_none_is_refused(tmp_path, harmonic, message):
+    old = 'channel = "phase", unit = "deg", of = "displacement"'
+    with pytest.raises(CalibError, match=message):
+        load(study(tmp_path, (old, f"{old}, {harmonic}")))

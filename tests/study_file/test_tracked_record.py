@@ -49,3 +49,17 @@ def test_a_tracked_record_says_that_its_uncertainties_are_estimated(tmp_path):
     assert record.attrs[SIGMA_SOURCE] == "estimated by order tracking"
     omega = 2.0 * np.pi * record.frequency.values
     np.testing.assert_allclose(record.in_phase[0], -0.980665 / omega**2, rtol=1e-2)
+
+
+def test_harmonics_are_tracked_up_to_the_order_that_is_asked_for(tmp_path):
+    rng, time = np.random.default_rng(1), np.arange(0.0, 5.0, 0.002)
+    phase = [2.0 * np.pi * f * time for f in np.arange(10.0, 13.5, 0.5)]
+    force, motion = np.cos(phase).ravel(), np.sum([np.cos(phase), 0.1 * np.sin(2.0 * np.array(phase))], axis=0).ravel()
+    noise = rng.standard_normal((force.size, 2))
+    np.savetxt(tmp_path / "steps.csv", np.column_stack([force, 0.1 * motion]) + 1e-4 * noise, delimiter=",")
+    (tmp_path / "study.toml").write_text(STUDY.replace("cycles = 10", "cycles = 10, harmonics = 2"))
+    record = load(tmp_path / "study.toml").study.objective.references["steps"].record
+    omega = 4.0 * np.pi * record.frequency.values
+    np.testing.assert_allclose(record.quadrature_2[0], 0.01 * 9.80665 / omega**2, rtol=2e-2)
+    assert "response_2_sigma" in record
+    assert "in_phase_3" not in record

@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from calib.records.response import PARTS, make_response
 from calib.report.plots.diagnosed_responses import response_residual_figure
-from calib.report.plots.measured_response import response_over_frequency
+from calib.report.plots.measured_response import response_over_frequency, response_residual
 
 FREQUENCIES = np.linspace(20.0, 30.0, 9)  # Hz
 
@@ -62,3 +62,18 @@ def test_the_panels_keep_their_size_however_many_sweeps_the_legend_names():
         FigureCanvasAgg(figure).draw()
     one, six = (figure.axes[0].get_window_extent().height for figure in figures)
     assert six == pytest.approx(one, rel=0.03)
+
+
+def test_each_harmonic_has_panels_of_its_own():
+    plain = sweeps_up_and_down([1.0], 0.4)
+    size = plain.sizes["point"]
+    own = {2: np.full((1, size), 1e-5 + 0.0j), 4: np.full((1, size), 1e-6j)}
+    record = make_response(
+        plain.frequency.values, ["mass"], plain.in_phase.values, plain.level.values, "N", plain.sweep.values,
+        plain.direction.values, sigma=np.full((1, size), 1e-6), higher=own,
+    )  # fmt: skip
+    labels = [axes.get_ylabel() for axes in measured_and_simulated(record).axes]
+    assert labels[::2] == ["mass: amplitude [mm]", "mass: harmonic 2 [mm]", "mass: harmonic 4 [um]"]
+    assert labels[1::2] == 3 * ["Phase [deg]"]
+    residuals = [axes.get_ylabel() for axes in response_residual(record, record).axes]
+    assert residuals == ["mass:\n|dH| / sigma", "mass:\n|dH_2| / sigma", "mass:\n|dH_4| / sigma", "dF / sigma"]
