@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.diagnosis.noise import Remainder
+from calib.records.response import order_of_part
 
 SHARES = np.linspace(0.0, 1.0, 41)  # of the variance that is proportional to the amplitude squared, on average  [1]
 MIN_PROFILE = 0.05  # standard deviation of a point, over the rms one  [1]: it is not known to be without any noise
@@ -21,7 +22,7 @@ def noise_profiles(
 ) -> list[np.ndarray]:
     """Return the standard deviation (n,) of the noise at each point, over the rms one, of each row  [1].
 
-    Both parts of a body have the same: 1 at all points where Schwarz's criterion does not prefer another.
+    Both parts of a harmonic of a body have the same: 1 at all points where Schwarz's criterion does not prefer another.
 
     Parameters
     ----------
@@ -29,13 +30,13 @@ def noise_profiles(
     measured, weight : (row, n)
     left : what a fit leaves of them
     """
-    bodies, of_body = [body for body, _ in rows], dict[str, np.ndarray]()
-    for body in dict.fromkeys(bodies):
-        own = np.array([one == body for one in bodies])
+    harmonics, found = [(body, order_of_part(part)) for body, part in rows], dict[tuple[str, int], np.ndarray]()
+    for harmonic in dict.fromkeys(harmonics):
+        own = np.array([one == harmonic for one in harmonics])
         square = (measured[own] ** 2).sum(axis=0)
         freedom = np.maximum(weight[own] ** 2 - left.leverage[own], 0.0)
-        of_body[body] = _profile(square, freedom, (left.rows[own] * weight[own]) ** 2)
-    return [of_body[body] for body in bodies]
+        found[harmonic] = _profile(square, freedom, (left.rows[own] * weight[own]) ** 2)
+    return [found[harmonic] for harmonic in harmonics]
 
 
 def _profile(square: np.ndarray, freedom: np.ndarray, left: np.ndarray) -> np.ndarray:

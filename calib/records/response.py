@@ -101,6 +101,12 @@ def parts_of_order(order: int) -> tuple[str, str]:
     return PARTS if order == 1 else (f"{PARTS[0]}_{order}", f"{PARTS[1]}_{order}")
 
 
+def order_of_part(part: str) -> int:
+    """Order of the harmonic that a part of a response belongs to, by its name."""
+    number = part.rpartition("_")[2]
+    return int(number) if number.isdigit() else 1
+
+
 def sigma_of_order(order: int) -> str:
     """Name of the standard uncertainty of either part of a harmonic of a response."""
     return "response_sigma" if order == 1 else f"response_{order}_sigma"
@@ -123,8 +129,8 @@ def stated_sigma(record: xr.Dataset, part: str) -> str | None:
 
     What a sensor adds is the same at any order, so that the first harmonic's is taken of one that states none.
     """
-    order = next(own for own in harmonic_orders(record) if part in parts_of_order(own))
-    return next((name for name in (sigma_of_order(order), sigma_of_order(1)) if name in record.variables), None)
+    names = sigma_of_order(order_of_part(part)), sigma_of_order(1)
+    return next((name for name in names if name in record.variables), None)
 
 
 def complex_amplitude(record: xr.Dataset) -> np.ndarray:

@@ -12,11 +12,19 @@ from calib.records.response import (
     complex_amplitude,
     complex_harmonics,
     harmonic_orders,
+    order_of_part,
     sweeps,
 )
 from calib.units import shown
 
 STEADY_LEVEL = 0.02  # range of the level of a sweep over its largest, up to which it is told as one  [1]
+
+
+def part_text(part: str) -> str:
+    """Name of a part of a response for readers, such as "in phase" or "quadrature of harmonic 2"."""
+    order = order_of_part(part)
+    name = part.removesuffix(f"_{order}").replace("_", " ")
+    return name if order == 1 else f"{name} of harmonic {order}"
 
 
 def response_text(record: xr.Dataset, quantity: str, place: str) -> str:

@@ -42,7 +42,7 @@ class EffectSuite:
     request = Request(periods=1, samples=200)
     response = make_response(
         np.array([9.0, 10.0, 11.0]), ["mass"], np.array([[1.0, -1.0j, -1.0]]) * 1e-3, 2.0, "N", place="mass",
-        quantity="force",
+        quantity="force", higher={2: np.array([[0.3j, -0.2, 0.1]]) * 1e-3},
     )  # fmt: skip
     least = 1e-6  # change of a channel over its range that the present effect makes at least  [1]
 

@@ -38,6 +38,21 @@ def test_white_noise_has_no_profile():
     assert np.mean(flat) >= 0.95
 
 
+def test_a_higher_harmonic_has_a_profile_of_its_own():
+    """Noise in proportion to the first harmonic, and white noise of another size in the second."""
+    rng = np.random.default_rng(2)
+    measured = np.concatenate([MEASURED, 0.1 * np.ones(MEASURED.shape)])
+    scale = np.concatenate([np.tile(0.02 * np.abs(RESPONSE), (2, 1)), np.full(MEASURED.shape, 1e-3)])
+    noise = scale * rng.standard_normal(measured.shape)
+    left = Remainder(noise, noise, np.zeros((4, 1, 1)), np.zeros(measured.shape))
+    rows = [*ROWS, ("mass", "in_phase_2"), ("mass", "quadrature_2")]
+    first, _, second, other = noise_profiles(rows, measured, np.ones(measured.shape), left)
+    np.testing.assert_array_equal(first, noise_profiles(ROWS, measured[:2], np.ones((2, 72)), Remainder(
+        noise[:2], noise[:2], np.zeros((2, 1, 1)), np.zeros((2, 72))))[0])  # fmt: skip
+    assert np.ptp(first) > 0.5
+    np.testing.assert_array_equal([second, other], np.ones((2, 72)))
+
+
 def test_noise_of_a_profile_is_whitened_and_coloured_again():
     noise = Noise(2.0, np.array([0.6]), "", profile=np.linspace(0.5, 1.5, 4000))
     row, weight = noise.drawn(np.random.default_rng(3), 4000), np.ones(4000)

@@ -10,6 +10,7 @@ from matplotlib.patches import Patch
 from calib.report.plots.diagnosed_cycles import compared_rows
 from calib.report.plots.measured_response import sweep_legend, sweep_look
 from calib.report.plots.style import LINE, STYLE, TEXT_WIDTH
+from calib.report.response_description import part_text
 
 NOISE = "#e4e4e4"  # band of the noise of a point
 
@@ -31,7 +32,7 @@ def response_residual_figure(motion: xr.Dataset, label: str = "") -> Figure | No
         for panels, (row, body, channel, _) in zip(grid, compared, strict=True):
             for axes, model in zip(panels, models, strict=True):
                 _residual(axes, motion, row, motion.measured.values[row] - motion[model].values[row])
-            panels[0].set_ylabel(f"residual of {body}:\n{channel.replace('_', ' ')}\n[standard uncertainties]")
+            panels[0].set_ylabel(f"residual of {body}:\n{part_text(channel)}\n[standard uncertainties]")
         for axes, title in zip(grid[0], models.values(), strict=True):
             axes.set_title(title)
         for axes in grid[-1]:
