@@ -17,9 +17,9 @@ from calib.records.compared_response import compared_harmonics, compared_of, com
 from calib.records.cycles import SWEPT, MotionKind
 from calib.records.held_response import is_held
 from calib.records.response import (
-    complex_amplitude,
     complex_harmonics,
     harmonic_orders,
+    harmonic_tolerances,
     has_phase,
     modulus,
     split_parts,
@@ -50,6 +50,7 @@ class PreparedResponse:
         self._bodies = [b for b in self.bodies if any(b in (term.bodies or self.bodies) for term in wanted)]
         self._frequency_sigma, self._sigma = compared_tolerances(self.record)
         self._orders = len(harmonic_orders(self.record))
+        self._higher_sigma = harmonic_tolerances(self.record)[1:]
 
     def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
         """Status and reason of a response that cannot be compared, None where it can."""
@@ -133,18 +134,46 @@ class PreparedResponse:
         raise CalibError(f"{self.name}: a frequency response has no initial state that could be solved for")
 
     def features(self, pairs: set[tuple[str, str]], sensed: SensedRecord) -> list[FeatureValue]:
-        """Largest amplitude at the measured frequencies, and where it is, of each body in each sweep."""
+        """Scalar features of each body in each sweep.
+
+        The largest amplitude at the measured frequencies, where it is, and the rms amplitude of each higher harmonic.
+        """
         found: list[FeatureValue] = []
-        measured = np.abs(complex_amplitude(self.record))
+        measured, simulated = np.abs(complex_harmonics(self.record)), np.abs(complex_harmonics(sensed.raw))
         for body in (body for body in self.bodies if any(body == own for own, _ in pairs)):
             row = self.bodies.index(body)
-            simulated = self._at_measured(sensed.raw, row)
-            found += compared(self.name, body, self._peaks(measured[row], row), self._peaks(simulated, row))
+            own = np.array([self._at_measured(sensed.raw, size) for size in simulated[:, row]])
+            found += compared(self.name, body, self._peaks(measured[0, row], row), self._peaks(own[0], row))
+            known = self._rms_of_harmonics(measured[1:, row], self._higher_sigma[:, row])
+            found += compared(self.name, body, known, self._rms_of_harmonics(own[1:], np.zeros(own[1:].shape)))
         return found
 
-    def _at_measured(self, simulated: xr.Dataset, row: int) -> np.ndarray:
-        """Amplitude (n,) of a body at the measured frequencies, linear along the simulated curve of each sweep  [m]."""
-        size, frequency = np.abs(complex_amplitude(simulated)[row]), simulated["frequency"].values
+    def _rms_of_harmonics(self, own: np.ndarray, sigma: np.ndarray) -> dict[str, Scalar]:
+        """Rms amplitude of each higher harmonic (order, n) of a body in each sweep, less that of noise  [m].
+
+        Twice its standard error matters: of a harmonic that is drowned in noise that is as large as what noise hides.
+
+        sigma : (order, n) standard uncertainty of either part  [m]
+        """
+        parts, at = 2 if has_phase(self.record) else 1, " at one level" if is_held(self.record) else ""
+        found: dict[str, Scalar] = {}
+        for order, amplitude, noise in zip(harmonic_orders(self.record)[1:], own, sigma, strict=True):
+            for sweep, points in sweeps(self.record):
+                by_noise = parts * noise[points] ** 2
+                square = np.maximum(amplitude[points] ** 2 - by_noise, 0.0)
+                error = float(np.sqrt(np.sum(4.0 * noise[points] ** 2 * square + 2.0 * by_noise * noise[points] ** 2)))
+                mean = max(float(np.mean(amplitude[points] ** 2 - by_noise)), 0.0)
+                size, reach = np.sqrt(mean), np.sqrt(mean + 2.0 * error / points.size)
+                name = f"rms harmonic {order}{at} in sweep {sweep:g}"
+                found[name] = Scalar(float(size), "m", float(reach - size), resolution=0.5 * float(reach - size))
+        return found
+
+    def _at_measured(self, simulated: xr.Dataset, size: np.ndarray) -> np.ndarray:
+        """Amplitude (n,) at the measured frequencies, linear along the simulated curve of each sweep  [m].
+
+        size : (point,) of the simulated response  [m]
+        """
+        frequency = simulated["frequency"].values
         curves, own = dict(sweeps(simulated)), np.empty(self.record.sizes["point"])
         for sweep, points in sweeps(self.record):
             along = curves[sweep][np.argsort(frequency[curves[sweep]], kind="stable")]

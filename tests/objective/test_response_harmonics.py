@@ -123,3 +123,21 @@ def test_noise_of_each_harmonic_is_drawn_by_its_own_uncertainty():
 
     draws = noise_draws(Parts({"a": Reference("a", record, excitation=FORCE)}, ()), {}, 1, 100)
     assert np.std(draws) == pytest.approx(0.1 * SIGMA, rel=0.1)
+
+
+def test_the_rms_of_a_harmonic_is_a_feature_less_what_noise_adds_to_it():
+    rng, exact = np.random.default_rng(8), harmonics(MEASURED)
+    exact[2] *= 0.01
+    noise = 0.3 * SIGMA * (rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape))
+    sigma = np.full(exact.shape[1:], 0.3 * SIGMA)
+    record = response(MEASURED, exact + noise, sigma=sigma)
+    judged = objective(record, "mass").judged({"a": simulated((1.0, 0.0, 0.0))})[1]
+    features = {feature.label: feature for feature in judged if feature.body == "mass"}
+    second, third = (features[f"rms harmonic {order} in sweep 0"] for order in (2, 3))
+    assert second.measured == pytest.approx(np.sqrt(np.mean(np.abs(exact[1, 0]) ** 2)), rel=0.05)
+    assert second.simulated == 0.0
+    assert second.tolerance < 0.1 * second.measured, "a model without it does not reach it"
+    assert third.measured < third.tolerance + np.sqrt(np.mean(np.abs(exact[2, 0]) ** 2))
+    alike = objective(record, "mass").judged({"a": simulated((1.0, 1.0, 0.01))})[1]
+    for feature in (one for one in alike if one.label.startswith("rms")):
+        assert abs(feature.simulated - feature.measured) < 1.5 * feature.tolerance
