@@ -51,8 +51,9 @@ class ResponseBranch:
     level : amplitude of the excitation, in its unit
     branch : over the frequency [Hz], with stability and special points
     harmonics : (body, harmonic, m) complex amplitudes H_0 (the mean), H_1, ... of the displacement: it is the real part
-        of the sum of H_k exp(i k (2 pi F t + phase)) where the excitation is A cos(2 pi F t + phase)  [m]; H_1, of
-        which a measured response is, as effects at the site "response" have it measured, all else of the motion itself
+        of the sum of H_k exp(i k (2 pi F t + phase)) where the excitation is A cos(2 pi F t + phase)  [m]; those
+        above the mean, of which a measured response is, as effects at the site "response" have them measured, all else
+        of the motion itself
     peak : (body, m) half of the displacement from its lowest to its highest value  [m]
     isolated : whether continuation in the level has found it, and the sweep has not
     """

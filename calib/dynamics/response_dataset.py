@@ -15,7 +15,7 @@ def response_dataset(response: FrequencyResponse) -> xr.Dataset:
     and irregular (motions of the sweep that no branch follows). `frequency`, `level`, `branch` and `stable` lie over
     point; `amplitude` and `phase` of each harmonic of the displacement over (body, harmonic, point), the phase against
     the excitation; the amplitude of harmonic 0 is the mean, with its sign. Effects at the site "response" are in
-    harmonic 1, as they are in what is measured; in `peak` and the other harmonics they are not.
+    the harmonics above it, as they are in what is measured; in that mean and in `peak` they are not.
     """
     branches = response.branches
     sizes = [one.frequency.size for one in branches]
