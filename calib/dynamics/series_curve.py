@@ -199,7 +199,7 @@ def modal_system(setting: Setting, frequency: float, level: float) -> ModalSyste
     if not isinstance(map, ModalMap):
         raise CalibError(
             f"the period map of {setting.model.name!r} does not tell its modal system, which harmonic balance is of; "
-            "take shooting"
+            "where there is the choice, take shooting"
         )
     return map.modal_system()
 

@@ -9,6 +9,9 @@ from scipy.interpolate import CubicSpline, PPoly
 from calib.records.response import complex_harmonics, harmonic_orders, sweeps
 
 MIN_SPLINE_POINTS = 4  # fewer are joined by straight lines
+# of the largest range of a stretch's amplitudes: less counts as that much in its chord length, as rounding may be all
+# that a harmonic has which the model lacks  [1]
+MIN_SPAN_SHARE = 1e-6
 MAX_GAP_SHARE = 0.01  # of the frequencies of a sweep: from the end of a stretch to where the next one begins  [1]
 
 
@@ -57,6 +60,7 @@ def stable_stretches(simulated: xr.Dataset, sweep: float) -> list[StableStretch]
         at = np.flatnonzero(own & (simulated["piece"].values == piece))
         points = np.column_stack([simulated["frequency"].values[at], amplitude[:, at].real.T, amplitude[:, at].imag.T])
         span = np.ptp(points, axis=0)
+        span[1:] = np.maximum(span[1:], MIN_SPAN_SHARE * span[1:].max())
         chord = np.linalg.norm(np.diff(points / np.where(span > 0.0, span, 1.0), axis=0), axis=1)
         keep = np.concatenate([[True], chord > 0.0])
         along, points = np.concatenate([[0.0], np.cumsum(chord)])[keep], points[keep]

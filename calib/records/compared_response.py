@@ -53,7 +53,8 @@ def compared_of(harmonics: np.ndarray, sweep: np.ndarray, measured: xr.Dataset) 
 def compared_tolerances(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Standard uncertainties of frequencies (point,) [Hz], of either part of what is compared (order, body, point) [m].
 
-    As `calib.records.response` has them of the harmonics, in proportion to these of the body that was held.
+    As `calib.records.response` has them of the harmonics, in proportion to these of the body that was held. A higher
+    harmonic is turned by as many times the phase of the held motion as its order, and its uncertainty has that phase's.
     """
     of_frequency, of_parts = tolerances(record)[0], harmonic_tolerances(record)
     if not is_held(record):
@@ -61,6 +62,10 @@ def compared_tolerances(record: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     row = record.body.values.tolist().index(record.attrs[HELD])
     ratio = _held_amplitude(record["sweep"].values, record) / np.abs(complex_amplitude(record)[row])
     found = of_parts * ratio
+    of_held = found[0, row].copy()
+    higher, order = np.abs(complex_harmonics(record)[1:]), np.array(harmonic_orders(record)[1:])[:, None, None]
+    by_phase = order * higher / np.abs(complex_amplitude(record)[row]) * of_held
+    found[1:] = np.hypot(found[1:], by_phase)
     found[0, row] *= ratio
     return of_frequency, found
 

@@ -1,4 +1,4 @@
-"""The vectors of a MATLAB file, of version 5 or 7.3."""
+"""The vectors of a MATLAB file."""
 
 import io
 import zlib
@@ -35,36 +35,36 @@ def read_matlab(path: Path, content: bytes) -> Sheet:
     if is_hdf5(content):
         try:
             with uninterrupted():
-                arrays = read_apart(partial(matlab_arrays, path, content), path)
+                arrays, unread = read_apart(partial(matlab_arrays, path, content), path)
         except OSError as error:
             raise CalibError(f"{path}: not a readable MATLAB 7.3 file ({error})") from error
     else:
-        arrays = matlab_arrays(path, content)
+        arrays, unread = matlab_arrays(path, content)
     columns: dict[str | int, Cells] = {key: column for n, v in arrays.items() for key, column in _columns(n, v)}
-    return Sheet(path, columns, None, unfit={n: _described(n, v) for n, v in arrays.items() if n not in columns})
+    unfit = {**unread, **{n: _described(n, v) for n, v in arrays.items() if n not in columns}}
+    return Sheet(path, columns, None, unfit=unfit)
 
 
-def matlab_arrays(path: Path, content: bytes) -> dict[str, np.ndarray]:
-    """Return the arrays of a MATLAB file by name; those in cells and structures as MATLAB names them.
+def matlab_arrays(path: Path, content: bytes) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Return the arrays of a MATLAB file by name, and why variables of one of version 7.3 are not read.
 
-    That is "x{3,2}" for a cell, "s.force" for the field of a structure, "s(2).force" for that of the second structure
-    in a row or column of them, and so on within one another.
+    Arrays in cells and structures are named as MATLAB names them: "x{3,2}" for a cell, "s.force" for the field of a
+    structure, "s(2).force" for that of the second structure in a row or column of them, and so on within one another.
 
     Raises
     ------
     CalibError : not a readable MATLAB file, or more than 1 GiB of variables
     """
-    hdf5 = is_hdf5(content)
+    hdf5, unread = is_hdf5(content), dict[str, str]()
     try:
-        variables = (
-            hdf5_variables(str(path), content)
-            if hdf5
-            else loadmat(io.BytesIO(content), variable_names=readable_variables(content))
-        )
+        if hdf5:
+            variables, unread = hdf5_variables(str(path), content)
+        else:
+            variables = loadmat(io.BytesIO(content), variable_names=readable_variables(content))
     except DAMAGED as error:
         raise CalibError(f"{path}: not a readable MATLAB {'7.3' if hdf5 else 'v5'} file ({error})") from error
     named = ((name, value) for name, value in variables.items() if isinstance(value, np.ndarray))
-    return dict(part for name, value in named for part in _within(name, value))
+    return dict(part for name, value in named for part in _within(name, value)), unread
 
 
 def _within(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:

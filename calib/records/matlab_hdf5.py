@@ -29,10 +29,11 @@ def is_hdf5(content: bytes) -> bool:
     return any(content[size : size + len(SIGNATURE)] == SIGNATURE for size in USER_BLOCKS)
 
 
-def hdf5_variables(name: str, content: bytes) -> dict[str, np.ndarray]:
-    """Return the variables by name: arrays of numbers or text, object arrays of cells, and arrays with fields.
+def hdf5_variables(name: str, content: bytes) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Return the variables by name, and why others are not read.
 
-    Objects and sparse matrices are left out.
+    They are arrays of numbers or text, object arrays of cells, and arrays with fields. Objects, sparse matrices and
+    what goes beyond `MAX_EXPANDED_BYTES` are not read.
 
     Parameters
     ----------
@@ -41,13 +42,28 @@ def hdf5_variables(name: str, content: bytes) -> dict[str, np.ndarray]:
     Raises
     ------
     CalibError : links, or data that lie in other files
-    DamagedElementError : more than `MAX_EXPANDED_BYTES`, or cells within one another without an end
+    DamagedElementError : cells within one another without an end
     OSError, RuntimeError, LookupError, ValueError, TypeError : a damaged file
     """
     with h5py.File(io.BytesIO(content), "r") as file:
-        walk = _Hdf5Walk(file, name, MAX_EXPANDED_BYTES)
-        found = {key: walk.within(file, key, 0) for key in file if not key.startswith(INTERNAL)}
-    return {key: array for key, array in found.items() if array is not None}
+        walk, found, unread = _Hdf5Walk(file, name, MAX_EXPANDED_BYTES), dict[str, np.ndarray](), dict[str, str]()
+        for key in (key for key in file if not key.startswith(INTERNAL)):
+            left = walk.left
+            try:
+                array = walk.within(file, key, 0)
+            except _TooLargeError:
+                walk.left, array = left, None
+                limit = f"{MAX_EXPANDED_BYTES / 2**30:.3g} GiB"
+                unread[key] = f"too large: with what is read before it, it has more than {limit}; keep fewer samples"
+            if array is not None:
+                found[key] = array
+            else:
+                unread.setdefault(key, _refused(file[key]))
+    return found, unread
+
+
+class _TooLargeError(Exception):
+    """More than may be read."""
 
 
 @dataclass
@@ -67,14 +83,16 @@ class _Hdf5Walk:
             raise DamagedElementError(f"expected cells and structures within one another {MAX_NESTING} times at most")
         if not isinstance(own, h5py.Group | h5py.Dataset) or any(mark in own.attrs for mark in OPAQUE):
             return None
+        if isinstance(own, h5py.Dataset) and own.shape is None:
+            return None
         if isinstance(own, h5py.Group):
             return self._structure(own, nesting)
         check_own_data(own, f"{self.name}: {own.name}")
+        self._take(own.dtype.itemsize * max(own.size, math.prod(own.chunks or (0,))))
         if EMPTY in own.attrs:
             return np.empty(own[()].ravel() if 0 in own[()] else 0)
         if h5py.check_ref_dtype(own.dtype) is h5py.Reference:
             return self._cells(own, nesting)
-        self._take(max(8, own.dtype.itemsize) * max(own.size, math.prod(own.chunks or (0,))))
         array = np.asarray(own[()]).T
         if own.dtype.names == COMPLEX_PARTS:
             return np.asarray(array["real"] + 1j * array["imag"])
@@ -112,7 +130,7 @@ class _Hdf5Walk:
     def _take(self, count: int) -> None:
         self.left -= count
         if self.left < 0:
-            raise DamagedElementError(f"expected at most {MAX_EXPANDED_BYTES / 2**30:g} GiB; keep fewer samples")
+            raise _TooLargeError
 
 
 def _is_of_several(field: object) -> bool:
@@ -122,7 +140,17 @@ def _is_of_several(field: object) -> bool:
     return h5py.check_ref_dtype(field.dtype) is h5py.Reference
 
 
-def _class(own: h5py.Dataset) -> str:
+def _refused(own: object) -> str:
+    """Why an entry is not read."""
+    if not isinstance(own, h5py.Group | h5py.Dataset):
+        return "no variable"
+    if "MATLAB_sparse" in own.attrs:
+        return "a sparse matrix; save it as full(...)"
+    kind = _class(own) or "object"
+    return f"a MATLAB {kind}; save its numbers as arrays, or as a structure, such as table2struct(T, 'ToScalar', true)"
+
+
+def _class(own: h5py.Dataset | h5py.Group) -> str:
     stated = own.attrs.get(CLASS, b"")
     return stated.decode("ascii", "replace") if isinstance(stated, bytes) else str(stated)
 

@@ -67,6 +67,15 @@ def with_gravity(quantity: str) -> str:
     return GRAVITY.sub(_gravity, quantity)
 
 
+def is_length(unit: str) -> bool:
+    """Whether a unit is one of length."""
+    try:
+        to_si(f"1 {unit}", MOTIONS["displacement"])
+    except CalibError:
+        return False
+    return True
+
+
 def _motion(written: str, per: tuple[str, ...]) -> MotionUnit | None:
     written = with_gravity(written)
     for level in ("", *per):

@@ -60,6 +60,7 @@ CURVATURE_POINTS = 5  # of which the second derivative of a response is determin
 MAX_LEVEL_DEPARTURE = 3.0  # mean square of the departures of constant levels, over their variance  [1]
 MAX_LAG_SHARE = 0.2  # of the response that it may lag behind a sweep, in a point of it  [1]
 MAX_STEP_SHARE = 0.5  # of the response by which it may change from point to point of a sweep  [1]
+MAX_DRIVEN_SHARE = 0.1  # of the excitation that a harmonic may be, over what it is of the motion  [1]
 MAX_LAG = 3.0  # of the response behind a sweep, over its noise, above which a warning says so  [1]
 MAX_CLOCK_DEPARTURE = 0.3  # of the instants from equal intervals, over one  [1]
 
@@ -164,6 +165,7 @@ def _assembled(
         else:
             further, kept = _departure(run, per_motion, noise), np.ones(len(run), dtype=bool)
         higher = _higher(run, rates, amplitude, variance[0], further, sine)
+        _warn_of_driven_harmonics(where, run, amplitude, higher[0], variance[0])
         if np.count_nonzero(kept) < MIN_SWEEP_POINTS:
             continue
         sigma = np.sqrt(VALUE_VARIANCE * noise + further / 2.0)
@@ -200,7 +202,8 @@ def _higher(
     of_drive : (point,) variance of the noise of the excitation
     """
     frequency, level = np.array([one.frequency for one in run]), np.array([one.level for one in run])
-    amplitudes, sigmas = np.zeros((2, len(run[0].harmonics), *first.shape), dtype=complex)
+    shape = len(run[0].harmonics), *first.shape
+    amplitudes, sigmas = np.zeros(shape, dtype=complex), np.zeros(shape)
     for k, order in enumerate(own.order for own in run[0].harmonics):
         windows = [one.harmonics[k] for one in run]
         per_motion = 1.0 / (2j * math.pi * order * frequency) ** np.array(rates)[:, None]
@@ -213,7 +216,35 @@ def _higher(
         else:
             departure = _departure(windows, per_motion, noise)
         amplitudes[k], sigmas[k] = own, np.sqrt(VALUE_VARIANCE * noise + departure / 2.0)
-    return amplitudes, sigmas.real
+    return amplitudes, sigmas
+
+
+def _warn_of_driven_harmonics(
+    where: str, run: Sequence[TrackedWindow], first: np.ndarray, higher: np.ndarray, variance: np.ndarray
+) -> None:
+    """Say which higher harmonics the excitation has itself, to which a linear structure responds.
+
+    Where their share of the level, beyond noise, is more than a tenth of what a harmonic of a motion is of its first.
+
+    first, higher : (row, point) and (order, row, point) complex amplitudes of the motions  [m]
+    variance : (point,) of the noise of the excitation
+    """
+    level = math.sqrt(np.mean([one.level**2 for one in run]))
+    noise = math.sqrt(2.0 * VALUE_VARIANCE * float(np.mean(variance)))
+    of_first = np.sqrt(np.mean(np.abs(first) ** 2, axis=-1))
+    texts = []
+    for k, own in enumerate(higher):
+        driven = math.sqrt(np.mean([one.harmonics[k].level ** 2 for one in run]))
+        share = np.sqrt(np.mean(np.abs(own) ** 2, axis=-1)) / of_first
+        if driven > MIN_CHANGE_STD * noise and driven / level > MAX_DRIVEN_SHARE * share.min():
+            texts.append(f"{plain_number(100.0 * driven / level, 2)} % of harmonic {k + 2}")
+    if texts:
+        warnings.warn(
+            f"{where}: the excitation itself has {' and '.join(texts)}, to which a linear structure responds, and a "
+            "simulation is driven by a sine; add the effects drive_harmonic_2 and drive_harmonic_3, or track the first "
+            "harmonic alone",
+            stacklevel=4,
+        )
 
 
 def _smoothed(variance: np.ndarray) -> np.ndarray:

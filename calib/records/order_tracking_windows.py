@@ -33,6 +33,7 @@ class TrackedHarmonic:
     order : of the harmonic
     response, drift, variance, scatter : (row,) as those of `TrackedWindow`, of each motion before `order` times the
         phase of the excitation
+    level : amplitude of that harmonic of the excitation itself
     """
 
     order: int
@@ -40,6 +41,7 @@ class TrackedHarmonic:
     drift: np.ndarray
     variance: np.ndarray
     scatter: np.ndarray
+    level: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,20 +198,21 @@ def _window(
         drift=(c[1:, 1] - middle[1:] * slope) * before,
         variance=variance,
         scatter=np.zeros(variance.size),
-        harmonics=tuple(_harmonic(order, own[1:], before, slope) for order, own in enumerate(higher, 2)),
+        harmonics=tuple(_harmonic(order, own, before, slope) for order, own in enumerate(higher, 2)),
     )  # fmt: skip
 
 
 def _harmonic(order: int, c: np.ndarray, before: complex, slope: complex) -> TrackedHarmonic:
-    """Higher harmonic of motions by the coefficients (row, j) of its polynomials.
+    """Higher harmonic of motions by the coefficients (1 + row, j) of its polynomials, the first the excitation's.
 
     before : unit phasor that turns the excitation in the middle of the window to phase 0
     slope : relative change of the excitation's complex amplitude over half of the window
     """
-    middle, turn = _middle(c), before**order
-    change = slope.real + 1j * order * slope.imag
-    drift = (c[:, 1] - middle * change) * turn
-    return TrackedHarmonic(order, middle * turn, drift, _variance(c), np.zeros(len(c)))
+    of_drive, *middle = _middle(c)
+    turn, change = before**order, slope.real + 1j * order * slope.imag
+    drift = (c[1:, 1] - np.array(middle) * change) * turn
+    scatter = np.zeros(len(middle))
+    return TrackedHarmonic(order, np.array(middle) * turn, drift, _variance(c[1:]), scatter, float(abs(of_drive)))
 
 
 def _middle(c: np.ndarray) -> np.ndarray:

@@ -236,7 +236,14 @@ def _of_higher_orders(record: xr.Dataset, name: str) -> tuple[list[str], list[st
         match = OF_HIGHER_ORDER.fullmatch(variable)
         if match is None:
             continue
-        order = order_of(match["part"] or match["sigma"], f"{name}: {variable}")
+        number = match["part"] or match["sigma"]
+        if not re.fullmatch(r"[-+]?\d+", number):
+            raise CalibError(
+                f"{name}: {variable} is not known: the parts of harmonic 2 are {', '.join(parts_of_order(2))}, their "
+                f"standard uncertainty is {sigma_of_order(2)}, and that of the first harmonic {sigma_of_order(1)}; "
+                "rename or drop it"
+            )
+        order = order_of(number, f"{name}: {variable}")
         for part in parts_of_order(order):
             if part not in record:
                 raise CalibError(f"{name}: {variable} is of harmonic {order}, whose {part} is missing; add it")

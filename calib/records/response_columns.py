@@ -9,7 +9,7 @@ import xarray as xr
 
 from calib.errors import CalibError, nearest
 from calib.records.held_response import at_one_level
-from calib.records.motion_unit import MOTIONS, MotionUnit, motion_quantity, motion_unit
+from calib.records.motion_unit import MOTIONS, MotionUnit, is_length, motion_quantity, motion_unit
 from calib.records.phase_unit import doubtful_phase_unit
 from calib.records.response import HELD, LEVEL_UNITS, check_response, complex_amplitude, make_response, sweeps
 from calib.records.sheet import Sheet
@@ -185,6 +185,15 @@ class _Reading:
     def _scaled(self, column: UnitColumn, values: np.ndarray, order: int) -> tuple[np.ndarray, MotionUnit]:
         """Values of a harmonic in the unit of a column as displacement (point,), and that unit."""
         unit = self._motion(column, (self.level_unit,))
+        if order > 1 and unit.level == LEVEL_UNITS[1] and not unit.rates and not is_length(column.unit.split("/")[0]):
+            raise self._named(
+                column,
+                CalibError(
+                    f"{column.unit!r} does not say whether harmonic {order} is a ratio of displacements or of "
+                    "accelerations, which differ by the square of its order; state its amplitude itself, such as in mm "
+                    "or m/s^2"
+                ),
+            )
         return unit.displacement(values, order * self.omega) * self._over(unit, order), unit
 
     def _harmonic(self, order: int) -> np.ndarray:
@@ -196,6 +205,13 @@ class _Reading:
             raise CalibError(
                 f"{self.sheet.path}: harmonic {order} is of {unknown[0]!r}{nearest(unknown[0], bodies)}, which has no "
                 f"first harmonic; name one of {', '.join(bodies)}, or add its {AMPLITUDE} and {PHASE}"
+            )
+        given = {body for body, _ in columns}
+        lacking = ", ".join(body for body in bodies if body not in given)
+        if lacking:
+            raise CalibError(
+                f"{self.sheet.path}: harmonic {order} is given of {', '.join(sorted(given))}, not of {lacking}; give "
+                "it of all bodies or of none"
             )
         amplitudes = np.array([self._amplitude(body, columns, order) for body in bodies])
         return np.asarray(amplitudes * np.exp(-1j * order * np.angle(self.excitation)))
@@ -218,7 +234,7 @@ class _Reading:
         of = f"harmonic {order} of " if order > 1 else ""
         raise CalibError(
             f"{self.sheet.path}: of {of}body {body!r} there are the columns {sorted(own)}; expected {AMPLITUDE} and "
-            f"{PHASE}, or {IN_PHASE} and {QUADRATURE}{', of all bodies or of none' if of else ''}"
+            f"{PHASE}, or {IN_PHASE} and {QUADRATURE}"
         )
 
     def _polar(self, amplitude: UnitColumn, phase: UnitColumn, order: int) -> np.ndarray:
@@ -255,8 +271,13 @@ class _Reading:
                 warnings.warn(f"{self.sheet.path.name}: phase of {body}: {doubt}", stacklevel=2)
 
     def _sigma(self, bodies: Sequence[str], order: int) -> np.ndarray | None:
-        """Standard uncertainty (body, point) of either part of a harmonic  [m]; None where none is stated."""
-        stated = self.columns.sigma if order == 1 else self.columns.higher_sigma.get(order)
+        """Standard uncertainty (body, point) of either part of a harmonic  [m]; None where none is stated.
+
+        Where only the first harmonic's is stated it is that one, in its own unit: a sensor's noise is the same at any
+        order in what it measures, a displacement, a velocity or an acceleration.
+        """
+        own = {} if order == 1 else self.columns.higher_sigma.get(order, {})
+        stated = own or self.columns.sigma
         if not stated:
             return None
         lacking = [body for body in bodies if body not in stated]
@@ -265,12 +286,15 @@ class _Reading:
             raise CalibError(
                 f"{self.sheet.path}: {lacking[0]!r} has no sigma{of}, which another body has; give it to all or to none"
             )
-        return np.array([self._sigma_of(body, stated[body], order) for body in bodies])
+        columns = self.columns.higher[order] if own else self.columns.of_body
+        return np.array([self._sigma_of(body, stated[body], columns, order) for body in bodies])
 
-    def _sigma_of(self, body: str, sigma: UnitColumn | str | float, order: int) -> np.ndarray:
+    def _sigma_of(
+        self, body: str, sigma: UnitColumn | str | float, columns: Mapping[tuple[str, str], UnitColumn], order: int
+    ) -> np.ndarray:
+        """Standard uncertainty (point,) of a harmonic [m]; a number is in the unit of that body's column."""
         if isinstance(sigma, UnitColumn):
             return np.abs(self._scaled(sigma, self._numbers(sigma.column), order)[0])
-        columns = self.columns.of_body if order == 1 else self.columns.higher[order]
         first = next(column for (its, _), column in columns.items() if its == body)
         try:
             unit = motion_quantity(sigma, (self.level_unit,)) if isinstance(sigma, str) else self._motion(

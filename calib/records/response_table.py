@@ -54,9 +54,9 @@ def read_response(path: str | Path, level: StatedLevel | None = None) -> xr.Data
     Amplitudes are of a displacement, a velocity or an acceleration, by their unit; the phase is that of the same motion
     before the excitation, unless it says so: `mass phase of displacement [deg]`. Those of a higher harmonic of order k
     have its order in their names, `mass harmonic 2 amplitude [mm]` and `mass harmonic 2 phase [deg]`, and a phase
-    before k times that of the excitation. Rows are in the order measured. Sweeps
-    are as `calib.records.sweep_numbers` tells them, unless a column `sweep` numbers them; without a direction it is
-    that from the first to the last frequency.
+    before k times that of the excitation. Rows are in the order measured. Sweeps are as `calib.records.sweep_numbers`
+    tells them, unless a column `sweep` numbers them; without a direction it is that from the first to the last
+    frequency.
 
     Parameters
     ----------
@@ -206,6 +206,10 @@ def _columns(sheet: Sheet, level: StatedLevel | None) -> ResponseColumns:
 def _harmonic(body: str, where: str) -> tuple[str, int]:
     """Body and order that a heading names, such as 'mass harmonic 2'; of one without an order the first harmonic."""
     match = HARMONIC.match(body)
+    if match is None and "harmonic" in body.lower():
+        raise CalibError(
+            f"{where}: a harmonic is named by its order, as in 'BODY harmonic 2 amplitude [mm]'; rename it"
+        )
     return (match["body"], order_of(match["order"], where)) if match else (body, 1)
 
 

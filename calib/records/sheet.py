@@ -104,6 +104,9 @@ class Sheet:
             return self.columns[column]
         if column in self.unfit:
             raise CalibError(f"{self.path}: column {column!r} is {self.unfit[column]}")
+        whole = re.split(r"[.({]", str(column))[0]
+        if whole in self.unfit and not any(str(known).startswith(whole) for known in self.columns):
+            raise CalibError(f"{self.path}: column {column!r}: {whole!r} is {self.unfit[whole]}")
         names = [c for c in self.columns if isinstance(c, str)]
         size = sum(isinstance(c, int) for c in self.columns)
         known = f"the columns are {names}" if names else f"the file has no header, only columns 1 to {size}"

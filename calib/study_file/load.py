@@ -180,7 +180,8 @@ def load(
         _check_driven(model, every.values(), mistakes)
     if model is not None and space is not None and complete:
         check_values(model, space, every.values(), mistakes)
-        check_responses(model, space, every, mistakes)
+        if stored is None:
+            check_responses(model, space, every, mistakes)
     mistakes.tell()
     with mistakes.at("term"):
         objective = Objective(calibrated, terms, elsewhere)

@@ -152,7 +152,10 @@ class ChannelTable(TomlTable):
     of: Literal["displacement", "velocity", "acceleration"] | None = None
     """Of a phase, the motion that it is the phase of, before the excitation; without it that of the amplitude."""
     harmonic: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)] = 1
-    """Over frequency, the order of the harmonic; the phase of a higher one is before so many times the excitation's."""
+    """Over frequency, the order of the harmonic; the phase of a higher one is before so many times the excitation's.
+
+    Both are counted from a crest; where the instrument's reference is a sine, add (order - 1) times 90 degrees.
+    """
 
 
 class ClockTable(TomlTable):

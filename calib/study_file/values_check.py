@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 
 from calib.dynamics.held_curve import held_system
-from calib.dynamics.response import AMPLITUDE, FREQUENCY
+from calib.dynamics.response import AMPLITUDE, FREQUENCY, sampled
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
 from calib.modelling.model import Model
@@ -52,7 +52,8 @@ def check_values(model: Model, space: Space, references: Iterable[Reference], mi
 def check_responses(model: Model, space: Space, references: Mapping[str, Reference], mistakes: Mistakes) -> None:
     """Note frequency responses that cannot be simulated: at the start, or at an end of a window.
 
-    That is without a period map, and where the amplitude was held without a modal system and a harmonic drive.
+    That is without a period map that samples the motion, and where the amplitude was held without a modal system and a
+    harmonic drive.
 
     Parameters
     ----------
@@ -76,6 +77,6 @@ def _check_simulated(setting: Setting, held: bool) -> None:
         if held:
             held_system(setting, setting.value(FREQUENCY), setting.value(AMPLITUDE))
         else:
-            setting.map()
+            sampled(setting, setting.map())
     except ValueError:  # nothing could move: a trial that fails
         return

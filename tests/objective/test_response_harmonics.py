@@ -54,6 +54,16 @@ def test_curves_through_all_harmonics_are_at_no_distance():
     np.testing.assert_allclose(complex_harmonics(compared.aligned("a", simulated())), harmonics(MEASURED), atol=1e-5)
 
 
+def test_rounding_in_place_of_a_harmonic_that_a_model_lacks_leaves_the_others_where_they_are():
+    own, rng = simulated((1.0, 0.0, 0.0)), np.random.default_rng(1)
+    for name in parts_of(own)[2:]:
+        own[name] = own[name] + 1e-17 * rng.standard_normal(own[name].shape)
+    aligned = complex_harmonics(
+        objective(stated(harmonics(MEASURED) * np.array([1.0, 0.0, 0.0])[:, None, None])).aligned("a", own)
+    )
+    np.testing.assert_allclose(aligned[0], harmonics(MEASURED)[0], atol=1e-5)
+
+
 @pytest.mark.parametrize("factors", [(1.02, 1.02, 1.02), (1.02, 1.0, 1.0)])
 def test_a_response_that_is_too_large_scores_as_one_of_the_first_harmonic_does(factors):
     record = stated(harmonics(MEASURED))

@@ -35,7 +35,8 @@ def saved(**options):
 def test_variables_of_numbers_text_cells_and_structures_are_readable(tmp_path, compressed):
     content = saved(do_compression=compressed)
     assert readable_variables(content) == [name for name in VARIABLES if name != "sparse"]
-    arrays = matlab_arrays(tmp_path, content)
+    arrays, unread = matlab_arrays(tmp_path, content)
+    assert not unread
     np.testing.assert_array_equal(arrays["x"].ravel(), np.arange(9.0))
     assert arrays["cells{1,1}"].size == 3
 

@@ -66,13 +66,20 @@ def test_a_table_of_a_record_may_be_of_version_73(tmp_path):
     np.testing.assert_allclose(record.displacement.sel(body="mass"), 1e-3 * TIME**3, rtol=1e-15)
 
 
-def test_objects_and_sparse_matrices_are_left_out(tmp_path):
+def test_what_is_no_array_of_numbers_is_told(tmp_path):
     path = tmp_path / "x.mat"
-    save_73(path, {"t": TIME, "when": np.arange(6.0), "s": {"data": TIME}})
+    save_73(path, {"t": TIME, "T": np.arange(6.0), "s": {"data": TIME}, "image": np.ones((2, 3), np.uint8)})
     with h5py.File(path, "r+") as file:
-        file["when"].attrs["MATLAB_object_decode"] = np.int32(3)
+        file["T"].attrs["MATLAB_object_decode"] = np.int32(3)
+        file["T"].attrs["MATLAB_class"] = np.bytes_("table")
         file["s"].attrs["MATLAB_sparse"] = np.uint64(3)
-    assert set(matlab_arrays(path, path.read_bytes())) == {"t"}
+        file["nothing"] = h5py.Empty("f8")
+    arrays, unread = matlab_arrays(path, path.read_bytes())
+    assert set(arrays) == {"t", "image"}
+    assert set(unread) == {"T", "s", "nothing"}
+    assert unread["s"].startswith("a sparse matrix")
+    with pytest.raises(CalibError, match=r"column 'T.force': 'T' is a MATLAB table; save its numbers as arrays"):
+        sheet(path).find("T.force")
 
 
 def test_cells_that_hold_themselves_have_an_end(tmp_path):
@@ -86,12 +93,14 @@ def test_cells_that_hold_themselves_have_an_end(tmp_path):
         matlab_arrays(path, path.read_bytes())
 
 
-def test_more_than_the_bound_is_refused_before_it_is_read(tmp_path, monkeypatch):
+def test_a_variable_beyond_the_bound_is_left_out_and_the_others_are_read(tmp_path, monkeypatch):
     path = tmp_path / "x.mat"
-    save_73(path, {"t": np.zeros(10_000)})
+    save_73(path, {"camera": np.zeros((100, 200), np.uint8), "t": TIME})
     monkeypatch.setattr("calib.records.matlab_hdf5.MAX_EXPANDED_BYTES", 10_000)
-    with pytest.raises(CalibError, match="expected at most .* GiB; keep fewer samples"):
-        sheet(path)
+    found = sheet(path)
+    np.testing.assert_array_equal(found.find("t"), TIME)
+    with pytest.raises(CalibError, match=r"column 'camera' is too large: .* GiB; keep fewer samples"):
+        found.find("camera")
 
 
 def test_a_link_is_refused(tmp_path):

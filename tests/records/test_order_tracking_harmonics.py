@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import hilbert
 
 from calib import records
 from calib.errors import CalibError
@@ -68,6 +69,16 @@ def test_without_them_the_response_is_of_the_first_harmonic():
     both = tracked(record, STEPPED, highest=2)
     assert harmonic_orders(both) == (1, 2)
     np.testing.assert_allclose(complex_harmonics(both)[0], complex_harmonics(plain)[0], atol=3.0 * NOISE)
+
+
+def test_harmonics_of_the_excitation_itself_are_told():
+    record = stepped(1)
+    phase = np.unwrap(np.angle(hilbert(record.excitation.values)))
+    record["excitation"] = record.excitation + 0.1 * np.cos(2.0 * phase + 0.3)
+    with pytest.warns(
+        UserWarning, match=r"the excitation itself has 5(\.\d)? % of harmonic 2, to which a linear struct"
+    ):
+        tracked(record, STEPPED, 20, 3)
 
 
 @pytest.mark.parametrize(

@@ -73,9 +73,15 @@ def test_a_response_with_harmonics_goes_through_a_file_unchanged(tmp_path):
         (lambda r: r.drop_vars("in_phase_3"), r"quadrature_3 is of harmonic 3, whose in_phase_3 is missing"),
         (lambda r: r.assign(response_4_sigma=r.in_phase_2), r"response_4_sigma is of harmonic 4, whose in_phase_4"),
         (lambda r: r.assign(in_phase_2=r.in_phase_2 * np.nan), r"in_phase_2 states no unit|in_phase_2 is not a number"),
-        (lambda r: r.assign(in_phase_2=r.in_phase_2.assign_attrs(units="N") * 1.0), r"in_phase_2"),
+        (
+            lambda r: r.assign(in_phase_sigma=r.in_phase_2),
+            r"in_phase_sigma is not known: .* response_2_sigma, and that",
+        ),
         (lambda r: r.assign(in_phase_2=r.in_phase_2.T), r"expected in_phase_2 with dims \('body', 'point'\)"),
-        (lambda r: r.assign(response_2_sigma=0.0 * r.in_phase), r"response_2_sigma"),
+        (
+            lambda r: r.assign(response_2_sigma=0.0 * r.in_phase),
+            r"response_2_sigma states no unit|response_2_sigma is exp",
+        ),
     ],
 )
 def test_a_mistake_in_a_harmonic_is_told(change, message):
@@ -86,7 +92,7 @@ def test_a_mistake_in_a_harmonic_is_told(change, message):
 def test_a_unit_of_force_is_none_of_a_harmonic():
     record = response()
     record["in_phase_2"].attrs["units"] = "N"
-    with pytest.raises(CalibError, match="in_phase_2"):
+    with pytest.raises(CalibError, match="in_phase_2: expected a quantity that can be given in m, got"):
         check_response(record, "it")
     record["in_phase_2"].attrs["units"] = "mm"
     np.testing.assert_allclose(check_response(record, "it").in_phase_2, 1e-3 * SECOND.real)
@@ -105,11 +111,16 @@ def test_of_a_held_amplitude_harmonics_are_counted_from_the_phase_of_the_body_th
 
 
 def test_their_uncertainties_are_in_proportion_those_of_the_motion():
-    sigma = np.full(FIRST.shape, 1e-5)
-    record = at_one_level(response(sigma=sigma, higher_sigma={2: 2.0 * sigma}), "mass")
-    _, of_parts = compared_tolerances(record)
-    np.testing.assert_allclose(of_parts[1], 2e-5, rtol=1e-12)
-    np.testing.assert_allclose(of_parts[2], 1e-5, rtol=1e-12)
+    sigma, rng = np.full(FIRST.shape, 1e-5), np.random.default_rng(3)
+    record = at_one_level(response(sigma=sigma, higher_sigma={2: 2.0 * sigma, 3: 0.01 * sigma}), "mass")
+    drawn, size = [], harmonic_tolerances(record)
+    for _ in range(2000):  # the third harmonic errs by what turns it, the phase of the first
+        own = complex_harmonics(record) + size * (rng.standard_normal((3, *FIRST.shape, 2)) @ [1.0, 1.0j])
+        drawn.append(compared_of(own, record.sweep.values, record))
+    scatter = np.std(drawn, axis=0)[1:] / np.sqrt(2.0)  # of both parts; what turns shows in one alone
+    stated = compared_tolerances(record)[1][1:]
+    assert ((scatter > 0.6 * stated) & (scatter < 1.1 * stated)).all()
+    assert (stated[1] > 3.0 * 1e-7).all()  # its own uncertainty is 1e-7 m
 
 
 HEADER = (
@@ -160,11 +171,43 @@ def test_the_acceleration_of_a_base_turns_a_harmonic_by_so_many_times_its_phase(
         ("mass harmonic 3", "base harmonic 3", "harmonic 3 is of 'base', which has no first harmonic"),
         ("[m/s^2]", "[N]", "expected a unit of displacement, velocity or acceleration"),
         ("mass harmonic 3 in-phase", "mass harmonic 2 amplitude", "second one of its kind"),
+        ("mass harmonic 2 phase", "mass 2nd harmonic phase", "a harmonic is named by its order, as in 'BODY harmonic"),
     ],
 )  # fmt: skip
 def test_a_mistake_in_a_column_is_told(tmp_path, old, new, message):
     with pytest.raises(CalibError, match=message):
         table(tmp_path, HEADER.replace(old, new))
+
+
+def test_the_noise_of_an_accelerometer_is_the_same_at_any_order(tmp_path):
+    header = (
+        "frequency [Hz], mass amplitude [m/s^2], mass phase [deg], mass sigma [m/s^2], "
+        "mass harmonic 3 amplitude [m/s^2], mass harmonic 3 phase [deg]"
+    )
+    record = table(tmp_path, header, "9, 4, -10, 0.01, 0.5, -60\n10, 5, -90, 0.01, 0.7, -170\n")
+    first, third = harmonic_tolerances(record)[:, 0]
+    np.testing.assert_allclose(first, 0.01 / OMEGA[:2] ** 2, rtol=1e-12)
+    np.testing.assert_allclose(third, first / 9.0, rtol=1e-12)
+
+
+def test_a_harmonic_of_one_body_alone_is_refused(tmp_path):
+    header = (
+        "frequency [Hz], mass amplitude [mm], mass phase [deg], tip amplitude [mm], tip phase [deg], "
+        "mass harmonic 2 amplitude [mm], mass harmonic 2 phase [deg]"
+    )
+    with pytest.raises(CalibError, match="harmonic 2 is given of mass, not of tip; give it of all bodies or of none"):
+        table(tmp_path, header, "9, 2, -1, 1, -2, 1, -30\n10, 2, -1, 1, -2, 1, -30\n")
+
+
+def test_a_ratio_of_accelerations_of_a_harmonic_is_refused(tmp_path):
+    header = (
+        "frequency [Hz], level [m/s^2], mass amplitude [g/g], mass phase [deg], mass harmonic 2 amplitude [g/g], "
+        "mass harmonic 2 phase [deg]"
+    )
+    with pytest.raises(
+        CalibError, match=r"'g/g' does not say whether harmonic 2 is a ratio of displacements or of acc"
+    ):
+        table(tmp_path, header, "9, 2, 1, 0, 1, 30\n10, 2, 1, 0, 1, 30\n")
 
 
 def test_a_cell_that_is_no_number_is_told(tmp_path):

@@ -4,8 +4,10 @@ import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.io import savemat
 
+from calib.cli import main
 from calib.errors import CalibError
 from calib.records.response import complex_amplitude, sweeps
 from calib.study_file import load
@@ -177,3 +179,10 @@ def test_a_harmonic_that_is_none_is_refused(tmp_path, harmonic, message):
     old = 'channel = "phase", unit = "deg", of = "displacement"'
     with pytest.raises(CalibError, match=message):
         load(study(tmp_path, (old, f"{old}, {harmonic}")))
+
+
+def test_a_finished_study_of_a_response_is_read_without_its_simulator(tmp_path):
+    path = study(tmp_path, HELD)
+    for command in (["run", "--quiet"], ["report"]):
+        ended = CliRunner().invoke(main, [command[0], str(path), *command[1:]])
+        assert ended.exit_code == 0, ended.output

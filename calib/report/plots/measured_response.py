@@ -33,10 +33,8 @@ MAX_LEGEND_SWEEPS = 12  # count: six levels up and down
 MAX_LEGEND_COLUMNS = 5  # count
 BAR_SIGMAS = 2.0  # standard uncertainties on either side of a point
 UP, DOWN = "^", "v"  # markers of points of a sweep up and down
-FIRST_HEIGHT, HIGHER_HEIGHT = (
-    4.4,
-    3.4,
-)  # of amplitude and phase of the first harmonic of a body, and of a higher  [inch]
+FIRST_HEIGHT = 4.4  # of amplitude and phase of the first harmonic of a body  [inch]
+HIGHER_HEIGHT = 3.4  # the same of a higher one  [inch]
 
 
 def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:

@@ -16,7 +16,7 @@ from calib.simulators.command.readers.series import columns_of_arrays
 
 
 def read(path: Path, /, *, time: str | None = None, step: Step | None = None, columns: Names | None = None) -> Columns:
-    """MATLAB's .mat, versions 5 to 7.3: variables with as many samples as time.
+    """MATLAB's .mat: variables with as many samples as time.
 
     A column is called by its variable, ``"tip"``, the place in a matrix, counted from 1 along what is not time,
     ``"u[3]"``, the place in a cell array, ``"x{3,2}"``, or the field of a structure, ``"out.tip"``.
@@ -34,7 +34,9 @@ def read(path: Path, /, *, time: str | None = None, step: Step | None = None, co
     check_size(path, MAX_DATASET_BYTES)
     try:
         with uninterrupted():
-            arrays = read_apart(partial(matlab_arrays, path, path.read_bytes()), path)
+            arrays, unread = read_apart(partial(matlab_arrays, path, path.read_bytes()), path)
     except UNREADABLE as error:
         raise CalibError(f"{path}: not a readable MATLAB file ({error}); did the program stop?") from error
+    for name in unread.keys() & {time, *(columns or ())}:
+        raise CalibError(f"{path}: {name}: {unread[name]}")
     return columns_of_arrays(path, arrays, time, step, columns)
