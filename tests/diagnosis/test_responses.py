@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
-from hidden.stepped import CAUSES, MASS, drawn, record, written
+from hidden.stepped import MASS, drawn, record, written
 from hidden.stepped_laboratory import WHITE, SteppedLaboratory
+from hidden.stepped_laws import CAUSES
 
 from calib.cli import main as calib
 from calib.diagnosis.artifacts import read_motions

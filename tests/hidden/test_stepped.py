@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hidden.stepped import BOUC_WEN_SHAPE, CAUSES, STRIBECK_RISE
+from hidden.stepped import drawn, signal_to_noise
+from hidden.stepped_laws import BOUC_WEN_SHAPE, CAUSES, FRACTIONAL_FREQUENCY, STRIBECK_RISE
 
 
 def loop(cause, path, size, form):
@@ -47,3 +48,46 @@ def test_friction_at_rest_is_larger_than_that_of_sliding():
         force = CAUSES["stribeck"].force(0.0, speed, z, 0.05, 0.1, rate)
         assert rate[0] == pytest.approx(0.0, abs=1e-3 * speed / 5e-4)  # that deflection lasts
         assert force == pytest.approx(-0.05 * share)
+
+
+def test_play_has_no_force_within_its_width():
+    stiffness, width = 20.0, 5e-3
+    force = loop("backlash", np.linspace(-2.0 * width, 2.0 * width, 401), stiffness, width)
+    assert np.abs(force[101:299]).max() < 1e-12
+    assert force[[0, -1]] == pytest.approx([stiffness * width, -stiffness * width], rel=0.02)
+
+
+def test_a_magnet_attracts_by_the_inverse_square_of_its_distance():
+    force, distance = 1.5, 0.1
+    at = [
+        CAUSES["magnetic_attraction"].force(x, 0.0, np.zeros(1), force, distance, np.zeros(1))
+        for x in (0.0, -0.05, 0.1)
+    ]
+    assert at == pytest.approx([-force, -4.0 * force, -0.25 * force])
+
+
+@pytest.mark.parametrize("order", [0.6, 0.75])
+def test_a_springpot_is_a_derivative_of_its_order(order):
+    size = 70.0
+    for omega in 2.0 * np.pi * np.array([2.7, 3.3, 4.0]):
+        dynamic_stiffness = -linear_response("fractional_damping", omega, size, order)
+        assert dynamic_stiffness == pytest.approx(size * (1j * omega / FRACTIONAL_FREQUENCY) ** order, rel=0.01)
+
+
+def linear_response(cause, omega, size, form):
+    """Complex force over displacement of a linear law at an angular frequency [rad/s]."""
+    law, states = CAUSES[cause].force, np.eye(CAUSES[cause].states)
+    columns = []
+    for x, v, z in ((1.0, 0.0, 0.0 * states[0]), (0.0, 1.0, 0.0 * states[0]), *((0.0, 0.0, unit) for unit in states)):
+        rate = np.zeros(len(states))
+        columns.append((law(x, v, z, size, form, rate), rate))
+    force, rates = np.array([one for one, _ in columns]), np.array([rate for _, rate in columns]).T
+    driven = rates[:, 0] + 1j * omega * rates[:, 1]
+    return force[0] + 1j * omega * force[1] + force[2:] @ np.linalg.solve(1j * omega * states - rates[:, 2:], driven)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cause", CAUSES)
+def test_what_is_hidden_is_visible_and_nothing_is_not(cause):
+    assert signal_to_noise(drawn(cause, 0)) > 8.0
+    assert signal_to_noise(drawn(None, 0)) < 0.1
