@@ -139,9 +139,9 @@ CAUSES: Mapping[str, Cause] = {
     "bouc_wen": Cause(_bouc_wen, (0.1, 0.3), (4e-3, 1e-2), ("bouc_wen",)),
     "stribeck": Cause(_stribeck, (0.03, 0.08), (0.05, 0.2), ("stribeck",)),
     "iwan": Cause(_iwan, (0.15, 0.35), (7e-3, 1.2e-2), ("iwan",), states=20),
-    "backlash": Cause(_play, (10.0, 40.0), (3e-3, 1.2e-2), ("backlash",)),
-    "magnetic_attraction": Cause(_magnet, (0.7, 2.0), (0.08, 0.12), ("magnetic_attraction",)),
+    "backlash": Cause(_play, (20.0, 80.0), (3e-3, 1.2e-2), ("backlash",)),
+    "magnetic_attraction": Cause(_magnet, (1.2, 1.8), (0.08, 0.1), ("magnetic_attraction",)),
     "fractional_damping": Cause(
-        _springpot, (65.0, 80.0), (0.6, 0.75), ("fractional_damping",), states=FRACTIONAL_SECTIONS
+        _springpot, (75.0, 90.0), (0.6, 0.7), ("fractional_damping",), states=FRACTIONAL_SECTIONS
     ),
 }
