@@ -1,8 +1,9 @@
 """Laws that are tested only where a cause shows, compared with it at the maxima of both."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TypeGuard
 
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import SUSPECT
@@ -16,7 +17,7 @@ from calib.diagnosis.replacement import without_cause
 from calib.diagnosis.rivals import chi2_of_another_rival, rival_suspects, simplest, with_possible_causes
 from calib.diagnosis.search import Round, with_free_form
 from calib.diagnosis.stepwise import StepwiseState
-from calib.diagnosis.suspect import Cause, Refitted, leading_variants
+from calib.diagnosis.suspect import Cause, Refitted, Suspect, leading_variants
 
 
 def with_general_laws(fitter: Fitter, state: StepwiseState) -> StepwiseState:
@@ -24,8 +25,9 @@ def with_general_laws(fitter: Fitter, state: StepwiseState) -> StepwiseState:
 
     The form with which a law is tried is a guess: with a poor one it explains less than its own special case. Models
     are compared as they fit best, here where the noise is known best: one that contains the cause by a likelihood-ratio
-    test, another by its AIC. Those are out of reach that explain too little with that guess. A law takes the place of
-    the cause where it would be one by itself. Where the budget ends that, what was compared before it stands.
+    test, another by its AIC. A law that contains the cause exactly is fitted from there too, so that it explains as
+    much; another is out of reach where it explains too little with that guess. A law takes the place of the cause where
+    it would be one by itself. Where the budget ends that, what was compared before it stands.
     """
     tried: set[str] = set()
     while general := [suspect for suspect in _within_reach(state) if suspect.name not in tried]:
@@ -36,20 +38,31 @@ def with_general_laws(fitter: Fitter, state: StepwiseState) -> StepwiseState:
     return state
 
 
-def _within_reach(state: StepwiseState) -> list[Refitted]:
-    """Refitted suspects of the last search that generalise its cause and explain at least half as much as that did.
+def _within_reach(state: StepwiseState) -> list[Suspect]:
+    """Suspects of the last search that generalise its cause: that contain it exactly, or explain at least half as much.
 
     One of each effect, without those whose form was fitted.
     """
     cause, _ = state.causes[-1]
-    refitted = leading_variants(s for s in state.rounds[-1].suspects if isinstance(s, Refitted) and s.fit.names)
+    refitted = leading_variants(s for s in state.rounds[-1].suspects if _is_refitted(s))
     [of_then] = [s.chi2_reduction for s in refitted if s.name == cause.name]
     least = CRITERIA.min_explained_share * of_then
-    general = (s for s in refitted if cause.name in s.generalises and not s.candidate.form)
-    return [s for s in general if s.chi2_reduction >= least]
+    own = {s.name: s for s in [*leading_variants(state.rounds[-1].suspects), *refitted]}
+    general = (s for s in own.values() if cause.name in s.generalises and not s.candidate.form)
+    return [s for s in general if _contains_exactly(s, cause) or (_is_refitted(s) and s.chi2_reduction >= least)]
 
 
-def _compared(fitter: Fitter, state: StepwiseState, general: Sequence[Refitted]) -> StepwiseState:
+def _is_refitted(suspect: Suspect) -> TypeGuard[Refitted]:
+    """Whether the model was refitted with a suspect."""
+    return isinstance(suspect, Refitted) and bool(suspect.fit.names)
+
+
+def _contains_exactly(suspect: Suspect, cause: Refitted) -> bool:
+    """Whether a suspect is the cause at certain values of its parameters."""
+    return cause.name in suspect.candidate.effect.special_cases
+
+
+def _compared(fitter: Fitter, state: StepwiseState, general: Sequence[Suspect]) -> StepwiseState:
     """Fit the forms of general laws, and choose among them and the rivals of the last cause."""
     cause, rivals = state.causes[-1]
     evidence, threshold = fitter.evidence, state.rounds[-1].threshold
@@ -70,17 +83,40 @@ def _compared(fitter: Fitter, state: StepwiseState, general: Sequence[Refitted])
     return replace(state, rounds=(*state.rounds[:-1], last), causes=(*state.causes[:-1], latest), final=cause.fit)
 
 
-def _formed(fitter: Fitter, suspect: Refitted, cause: Refitted, rivals: Sequence[Refitted]) -> Refitted | None:
-    """Return a suspect with its form fitted too; None where it cannot be simulated or is no rival.
+def _formed(fitter: Fitter, suspect: Suspect, cause: Refitted, rivals: Sequence[Refitted]) -> Refitted | None:
+    """Return a suspect with its form fitted too, the best fit; None where it cannot be simulated or is no rival.
 
-    The fit is abandoned where it is predicted to be no rival of a cause and its rivals.
+    A fit is abandoned where it is predicted to be no rival of a cause and its rivals.
     """
     evidence = fitter.evidence
     bound = chi2_of_another_rival(evidence, rivals, suspect)
-    formed = with_free_form(
-        fitter, suspect, lambda fit: cause.chi2_reduction + _fall(evidence, cause, fit), rival=bound
-    )
+
+    def reduction(fit: Fit) -> float:
+        return cause.chi2_reduction + _fall(evidence, cause, fit)
+
+    fits = [with_free_form(fitter, suspect, reduction, rival=bound)] if _is_refitted(suspect) else []
+    fits += [_from_the_cause(fitter, suspect, cause, reduction, bound)] if _contains_exactly(suspect, cause) else []
+    formed = min((s for s in fits if s is not None), key=lambda s: s.fit.chi2, default=None)
     return None if formed is None or (formed.fit.reason and formed.fit.chi2 > bound) else formed
+
+
+def _from_the_cause(
+    fitter: Fitter, suspect: Suspect, cause: Refitted, chi2_reduction: Callable[[Fit], float], rival: float
+) -> Refitted | None:
+    """Return a suspect with its form fitted too, from where it is the cause; None where it cannot be simulated.
+
+    chi2_reduction, rival : as `with_free_form` takes them
+    """
+    point, own = cause.fit.point, suspect.candidate
+    formed = replace(own, form=tuple(own.bounds))
+    known = own.effect.special_cases[cause.name]
+    sizes = {name: point.values[at] if isinstance(at, str) else at for name, at in known.items()}
+    candidates = [formed if c.name == cause.name else c for c in cause.fit.candidates]
+    rest = {name: value for name, value in point.values.items() if name not in cause.candidate.absent()}
+    fit = fitter.fit(replace(point, values=rest), candidates, sizes, rival=rival)
+    if not fit.names:
+        return None
+    return replace(suspect.refitted(fit, chi2_reduction(fit)), candidate=formed.at(fit.point.values))
 
 
 def _in_its_place(fitter: Fitter, state: StepwiseState, suspect: Refitted) -> tuple[Refitted, Prediction | None, str]:

@@ -302,22 +302,33 @@ class Fitter:
     ) -> list[tuple[float, np.ndarray] | None]:
         """Predicted reduction of chi-square by a candidate of about each of the sizes (p,), and the sizes of best fit.
 
-        Its change of the records is scaled to fit best, and the sizes with it; not where its null is infinite. None
-        where the simulation fails, or the sizes are not admissible.
+        Its change of the records is scaled to fit best, and the sizes with it, by the power with which the change grows
+        from one size to the next; not where its null is infinite. None where the simulation fails, or the sizes are not
+        admissible.
         """
         names = self.evidence.names
         runs = [run for x in sizes for run in base.point.runs(names, candidate.values(x), (candidate.effect,))]
         answers = iter(simulated(self.pool, runs))
-        return [self._trial(base, candidate, x, {name: next(answers) for name in names}) for x in sizes]
+        views = [{name: next(answers) for name in names} for _ in sizes]
+        changes = [
+            base.projection(self.evidence.difference(base.point.simulated, own))
+            if all(view.usable for view in own.values())
+            else None
+            for own in views
+        ]
+        orders = _orders(candidate, sizes, changes)
+        return [self._trial(base, candidate, *own) for own in zip(sizes, changes, orders, strict=True)]
 
     def _trial(
-        self, base: Fit, candidate: Candidate, sizes: np.ndarray, views: Mapping[str, SimulatedRows]
+        self, base: Fit, candidate: Candidate, sizes: np.ndarray, change: np.ndarray | None, order: int
     ) -> tuple[float, np.ndarray] | None:
-        """Predicted reduction of chi-square and sizes of best fit, by the simulations at these sizes (p,)."""
-        if not all(view.usable for view in views.values()):
+        """Predicted reduction of chi-square and sizes of best fit, by the change (N,) at these sizes (p,).
+
+        order : of the power of the sizes with which the change grows
+        """
+        if change is None:
             return None
-        null, projection = candidate.null, base.projection
-        residual, change = projection(base.residual), projection(self.evidence.difference(base.point.simulated, views))
+        null, residual = candidate.null, base.projection(base.residual)
         if candidate.effect.guess is not None or not np.isfinite(null).all():
             remainder = residual - change
             return float(residual @ residual - remainder @ remainder), sizes
@@ -325,7 +336,7 @@ class Fitter:
         if not squared_length > 0.0:
             return None
         factor = float(residual @ change) / squared_length
-        scaled = null + factor * (sizes - null)
+        scaled = null + np.copysign(abs(factor) ** (1.0 / order), factor) * (sizes - null)
         if (scaled < candidate.low).any() or (scaled > candidate.high).any():
             return None
         return factor**2 * squared_length, scaled
@@ -351,6 +362,19 @@ class Fitter:
         with self.effort.pool.expecting(each if self.pool is self.effort else []), self.measuring(SCORE, parameters):
             together = iter(taken(candidates, self.pool))
         return [[next(together) for _ in candidate.parameters] for candidate in candidates]
+
+
+def _orders(candidate: Candidate, sizes: Sequence[np.ndarray], changes: Sequence[np.ndarray | None]) -> list[int]:
+    """Powers with which changes (N,) of the records grow with the sizes (p,), from one to the next: 1 at least."""
+    null = np.where(np.isfinite(candidate.null), candidate.null, 0.0)
+    lengths = [0.0 if change is None else float(np.linalg.norm(change)) for change in changes]
+    places = [float(np.linalg.norm(own - null)) for own in sizes]
+    orders = [1] * len(sizes)
+    for k in range(1, len(sizes)):
+        if min(lengths[k - 1 : k + 1] + places[k - 1 : k + 1]) > 0.0 and places[k] != places[k - 1]:
+            growth = np.log(lengths[k] / lengths[k - 1]) / np.log(places[k] / places[k - 1])
+            orders[k] = max(1, round(growth))
+    return [*orders[1:2], *orders[1:]] or orders
 
 
 def updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:

@@ -45,7 +45,7 @@ def special_cases(
     return leading_variants(sorted((s for s in possible if s.name in others), key=lambda s: -s.chi2_reduction))
 
 
-def chi2_of_another_rival(evidence: Evidence, rivals: Sequence[Refitted], other: Refitted) -> float:
+def chi2_of_another_rival(evidence: Evidence, rivals: Sequence[Refitted], other: Suspect) -> float:
     """Chi-square up to which another suspect, with its form fitted, is a rival beside these.
 
     Beside a special case of it where that is outside the confidence region of its further parameters, beside others
@@ -107,7 +107,7 @@ def _is_rival(other: Refitted, best: Refitted, dispersion: float, threshold: flo
     return tie or (further > 0 and bool(deviate(gap / dispersion, further) <= threshold))
 
 
-def _contains(general: Refitted, special: Refitted) -> bool:
+def _contains(general: Suspect, special: Refitted) -> bool:
     """Whether a suspect contains another, as that is fitted, as a special case: one of no more parameters cannot."""
     return special.name in general.generalises and general.candidate.max_parameter_count > special.parameter_count
 

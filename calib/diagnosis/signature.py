@@ -2,7 +2,9 @@
 
 A step is chosen so that the response of all records together is a share of one standard deviation of the noise, as a z
 of that size would make: that is where the effect has to be distinguishable from nothing. Differences are one-sided, for
-many parameters stand at the end of their range, where their effect is absent. Where a step and its triple disagree by
+many parameters stand at the end of their range, where their effect is absent. Where a small step changes nothing and a
+larger one does, as of an effect whose sign makes no difference, there is no derivative to test. Where a step and its
+triple disagree by
 more than a tenth, the simulations may have numerical noise, as those of contact by time stepping do: triple steps are
 tried as long as slopes agree better, or as the larger step has no larger response. Where none agree within a tenth, no
 derivative is claimed. The other places that choose a step do so for another purpose: see
@@ -28,6 +30,7 @@ MAX_RESPONSE_RATIO = 10.0  # of a response to its target, or of the target to it
 SECOND_STEP_RATIO = 3.0  # of the second step over the first  [1]
 MAX_JUMP_RATIO = 1.2  # of the response to the second step over that to the first, where both are one jump  [1]
 MIN_RESPONSE = 1e-4  # below it a response is rounding  [standard deviations of the noise]
+ZERO_DERIVATIVE = "its derivative is zero where it is absent, but it changes the records at larger sizes"
 FAILURE_STEP_REDUCTION = 10.0  # of a step whose simulation fails  [1]
 MAX_TRIES = 3  # steps until the response is near its target  [count]
 MAX_COMPARISONS = 5  # of the slope by a step with that by its triple  [count]
@@ -191,11 +194,13 @@ class _Responses:
     Attributes
     ----------
     reasons : number of a direction -> why the simulation of a step failed
+    largest : number of a direction -> norm of the largest response so far  [standard deviations of the noise]
     """
 
     def __init__(self, pool: Pool, evidence: Evidence, point: Point, directions: Sequence[Direction]):
         self.pool, self.evidence, self.point, self.directions = pool, evidence, point, directions
         self.reasons: dict[int, str] = {}
+        self.largest: dict[int, float] = {}
 
     def __call__(self, steps: Mapping[int, float]) -> dict[int, np.ndarray | None]:
         """Change (N,) of the records by a step along each of the directions, None where a simulation fails."""
@@ -207,7 +212,9 @@ class _Responses:
             views = {name: next(answers) for name in names}
             bad = next((view for view in views.values() if not view.usable), None)
             if bad is None:
-                responses[k] = self.evidence.difference(self.point.simulated, views)
+                response = self.evidence.difference(self.point.simulated, views)
+                self.largest[k] = max(self.largest.get(k, 0.0), float(np.linalg.norm(response)))
+                responses[k] = response
             else:
                 responses[k], self.reasons[k] = None, f"{bad.status}: {bad.reason}" if bad.reason else bad.status
         return responses
@@ -275,7 +282,7 @@ def _agreeing(
         seconds, further = responses(steps), {}
         for k, own in latest.items():
             second = seconds[k]
-            slope = _compared(own, steps[k], second, responses.reasons.get(k, ""))
+            slope = _compared(own, steps[k], second, responses.reasons.get(k, ""), responses.largest[k])
             error = np.inf
             if second is not None and abs(steps[k]) > abs(own[0]):
                 slopes_by_both = own[1] / own[0], second / steps[k]
@@ -298,11 +305,18 @@ def _jumps(first: np.ndarray, second: np.ndarray) -> bool:
     return bool(np.linalg.norm(second) < MAX_JUMP_RATIO * np.linalg.norm(first))
 
 
-def _compared(first: tuple[float, np.ndarray], step: float, second: np.ndarray | None, reason: str) -> Slope:
-    """Slope by the first step and its response, judged by a second step and its response (N,)."""
+def _compared(
+    first: tuple[float, np.ndarray], step: float, second: np.ndarray | None, reason: str, largest: float
+) -> Slope:
+    """Slope by the first step and its response, judged by a second step and its response (N,).
+
+    largest : norm of the response to any step
+    """
     first_step, response = first
     slope = response / first_step
     if np.linalg.norm(response) <= MIN_RESPONSE:
+        if largest > TARGET_RESPONSE / MAX_RESPONSE_RATIO:
+            return Slope(None, 0.0, False, ZERO_DERIVATIVE)
         return Slope(np.zeros_like(slope), first_step, True, "it changes no record")
     if second is None or abs(step) <= abs(first_step):
         return Slope(slope, first_step, False, reason or "its range leaves no second step")

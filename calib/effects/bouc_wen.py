@@ -32,6 +32,14 @@ EFFECT = Effect(
     group="friction",
     confused=("presliding", "iwan", "cubic_stiffness"),
     generalises=("presliding",),
+    special_cases={
+        "presliding": {
+            "hysteresis_force": "dahl_force",
+            "hysteresis_distance": "dahl_distance",
+            "hysteresis_exponent": 1.0,
+            "hysteresis_shape": 1.0,
+        }
+    },
     natural={"hysteresis_distance": (0.1, 0.6)},
     cite="Wen, Method for Random Vibration of Hysteretic Systems, J. Engineering Mechanics Division ASCE 102 (1976) "
     "249",

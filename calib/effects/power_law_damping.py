@@ -27,6 +27,10 @@ EFFECT = Effect(
     group="damping",
     confused=("quadratic_drag", "linear_drag", "coulomb_friction"),
     generalises=("linear_drag", "quadratic_drag"),
+    special_cases={
+        "linear_drag": {"power_damping": "c1", "power_exponent": 1.0},
+        "quadratic_drag": {"power_damping": "c2", "power_exponent": 2.0},
+    },
     natural={"power_damping": (0.01, 0.1, 1.0), "power_exponent": (1.5, 3.0)},
     cite="Ruzicka & Derby, Influence of Damping in Vibration Isolation (1971)",
 )

@@ -33,6 +33,9 @@ EFFECT = Effect(
     group="friction",
     confused=("coulomb_friction", "presliding"),
     generalises=("presliding",),
+    special_cases={
+        "presliding": {"stribeck_force": "dahl_force", "stribeck_distance": "dahl_distance", "stribeck_rise": 0.0}
+    },
     natural={"stribeck_distance": (0.05,), "stribeck_rise": (0.5,), "stribeck_speed": (0.1,)},
     cite="Canudas de Wit, Olsson, Astrom & Lischinsky, A New Model for Control of Systems with Friction, "
     "IEEE Transactions on Automatic Control 40 (1995) 419",

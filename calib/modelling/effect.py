@@ -65,6 +65,9 @@ class Effect:
     confused : names of effects that it tends to be mistaken for
     generalises : names of effects that it contains as special cases, or comes near to: a diagnosis tests it only where
         others show, and names these where they explain as much
+    special_cases : of those that it contains exactly, name -> values of its own parameters at which it is that one, or
+        names of the other's parameters; parameters that are not stated have no influence there. A diagnosis begins a
+        fit there
     requires : apparatus without which it cannot act and which few laboratories have, such as "a controller"; "" for
         none. A diagnosis suspects it only where its candidates name it
     quantity : of the excitation without which it is absent, such as "force"; "" for none. A diagnosis suspects it only
@@ -100,6 +103,7 @@ class Effect:
     group: str = ""
     confused: tuple[str, ...] = ()
     generalises: tuple[str, ...] = ()
+    special_cases: Mapping[str, Mapping[str, str | float]] = field(default_factory=dict, hash=False)
     requires: str = ""
     quantity: str = ""
     drive: str = ""
@@ -138,6 +142,13 @@ class Effect:
             raise CalibError(f"effect {name!r} needs the drive {self.drive!r}; known are 'harmonic', 'any' and ''")
         for key in set(self.positive) - set(self.borrowed):
             raise CalibError(f"effect {name!r} needs {key!r} above 0, but does not borrow it; name it in `borrowed`")
+        own = {p.name for p in self.parameters}
+        for key, values in self.special_cases.items():
+            if key not in self.generalises or not set(values) <= own:
+                raise CalibError(
+                    f"effect {name!r} has the special case {key!r} at {sorted(values)}; name it in `generalises`, and "
+                    f"state parameters of its own: {sorted(own)}"
+                )
         for key in self.natural:
             if key not in {p.name for p in self.parameters}:
                 raise CalibError(f"effect {name!r} has natural sizes of {key!r}, which is no parameter of it")

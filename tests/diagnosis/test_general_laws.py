@@ -12,6 +12,7 @@ import calib.diagnosis.general_laws
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.general_laws import with_general_laws
 from calib.diagnosis.search import Round
+from calib.diagnosis.signature import Point
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Refitted, Scored, Untestable
 from calib.effects.presliding import EFFECT as PRESLIDING
@@ -19,12 +20,13 @@ from calib.effects.stribeck import EFFECT as STRIBECK
 
 NULL, OF_DAHL, LIMIT = 1100.0, 150.0, 3.0  # chi-square of 100 residuals; threshold of |z|
 DIRECTIONS = count()
+NEAR = replace(STRIBECK, special_cases={})  # comes near to Dahl's friction, as far as it is known
 FORM = {"stribeck_distance": 1e-3, "stribeck_rise": 0.5, "stribeck_speed": 0.1}
 
 
 def fit(chi2, **values):
     """Stand in for a fitted model, whose residual is unlike that of others."""
-    point = SimpleNamespace(simulated={}, values=values)
+    point = Point(values, (), {})
     none = np.zeros((0, 0))
     return SimpleNamespace(
         chi2=chi2, chi2_over=lambda evidence: chi2, names=("damping",), point=point, candidates=(), columns=none,
@@ -56,24 +58,34 @@ def at_half(suspect):
     return replace(suspect, chi2_reduction=0.5 * suspect.chi2_reduction)
 
 
-def scored(effect, chi2, held):
+def scored(effect, chi2, held, bounds=None):
     """Suspect with another form, of which it is predicted that the model has this chi-square."""
-    candidate = Candidate(effect, (effect.parameters[0].name,), held)
+    candidate = Candidate(effect, (effect.parameters[0].name,), held, bounds=bounds or {})
     return Scored(candidate, SimpleNamespace(chi2_reduction=0.5 * (NULL - chi2)), np.zeros(0), None, np.zeros(1))
 
 
-def compared(of_guess, of_form, attempt=lambda step: step(), form_of_cause=1, others=()):
-    """Names of rivals, cause, state and bounds of fits, where Stribeck's friction has these chi-squares."""
+def compared(of_guess, of_form, attempt=lambda step: step(), form_of_cause=1, others=(), law=NEAR, from_dahl=None):
+    """Names of rivals, cause, state and bounds of fits, where Stribeck's friction has these chi-squares.
+
+    of_guess : with the form that is tried; None where it was not refitted
+    of_form, from_dahl : with its form fitted from there, and from where it is Dahl's
+    """
     dahl = refitted(PRESLIDING, OF_DAHL, {"dahl_distance": 1e-3}, ("dahl_distance",) * form_of_cause)
-    stribeck = refitted(STRIBECK, of_guess, FORM)
+    dahl.fit.point.values.update(dahl_force=0.2, dahl_distance=4e-3, damping=1.0)
+    stribeck = refitted(law, of_guess or NULL, FORM)
     null, fits = fit(NULL), []
-    then = *others, at_half(dahl), at_half(stribeck)
+    then = *others, at_half(dahl), at_half(stribeck) if of_guess else scored(law, NULL, FORM, stribeck.candidate.bounds)
     of_then = Round(null, then, LIMIT, dahl, (dahl,), np.nan, excess_chi2_of_null=0.5 * (NULL - 100.0))
     state = StepwiseState(null, dahl.fit, {}, (of_then,), ((dahl, (dahl,)),))
 
-    def fitted(start, candidates, rival):
+    def fitted(start, candidates, sizes=None, rival=np.inf):
         fits.append(rival)
-        return fit(of_form, **{name: 2.0 * value for name, value in FORM.items()})
+        if sizes is None:
+            return fit(of_form, **{name: 2.0 * value for name, value in FORM.items()})
+        assert sizes == {"stribeck_force": 0.2, "stribeck_distance": 4e-3, "stribeck_rise": 0.0}
+        assert start.values == {"damping": 1.0}
+        assert [(c.name, c.form) for c in candidates] == [("stribeck", tuple(FORM))]
+        return fit(from_dahl, **{name: 3.0 * value for name, value in FORM.items()})
 
     evidence = SimpleNamespace(counted=lambda: 100.0, with_weights=lambda views: None)
     fitter = InTurn(evidence=evidence, fit=fitted, with_derivatives=lambda model: model, attempt=attempt)
@@ -124,6 +136,20 @@ def test_forms_that_were_only_scored_are_no_leaders(judged):
 
 def test_a_law_that_explains_little_with_the_form_it_is_tried_with_is_out_of_reach():
     assert compared(700.0, 110.0)[3] == []
+
+
+@pytest.mark.parametrize("of_guess", [700.0, None])
+@pytest.mark.parametrize(("from_dahl", "names"), [(143.0, ["presliding"]), (110.0, ["stribeck"])])
+def test_a_law_that_contains_the_cause_is_fitted_from_there_whatever_its_guess_explains(of_guess, from_dahl, names):
+    """Of a poor guess the fit ends in another minimum, or there was none: from the cause it explains as much at least.
+
+    Of that guess alone it would be out of reach.
+    """
+    found, cause, _, fits = compared(of_guess, 600.0, law=STRIBECK, from_dahl=from_dahl)
+    assert found == [cause.name] == names
+    assert len(fits) == (2 if of_guess else 1)
+    if names == ["stribeck"]:
+        assert cause.candidate.held == {name: 3.0 * value for name, value in FORM.items()}
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,13 @@ from scipy.signal import lfilter
 from straight_line import MODEL, START, TIME, TRUE, WINDOWS, Evidence, straight
 
 from calib.diagnosis.bench import SimulatedRows
+from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.effort import Effort
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.signature import Point
 from calib.diagnosis.speculation import SpeculativePool
 from calib.execution.pool import InProcess
-from calib.modelling.parameter import Space, Window
+from calib.modelling.parameter import Parameter, Space, Window
 
 
 def decaying(values):
@@ -65,6 +66,27 @@ def test_a_nonlinear_model_reaches_the_least_squares_answer_with_few_simulations
     off = np.array([fit.value("height"), fit.value("rate")]) - best
     assert (np.abs(off) < 0.1 * np.sqrt(np.diag(covariance))).all()
     assert fitter.effort.done <= 20
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_a_trial_is_scaled_by_the_power_with_which_its_change_grows(power):
+    """By its square a wave of size 5 changes the record 100 times as much as one of size 0.5."""
+
+    def simulate(run):
+        waved = straight(run.values) + run.values.get("wave", 0.0) ** power * np.sin(3.0 * TIME)
+        return SimulatedRows(waved[None], np.ones(TIME.size))
+
+    measured = straight(TRUE) + 5.0**power * np.sin(3.0 * TIME)
+    fitter = Fitter(InProcess(simulate), Evidence(measured), Space(WINDOWS), MODEL)
+    seen = {"record": SimulatedRows(straight(TRUE)[None], np.ones(TIME.size))}
+    parameters = [Parameter("wave", "1", 0.0, "", null=0.0)]
+    effect = SimpleNamespace(name="wave", null={"wave": 0.0}, parameters=parameters, guess=None)
+    wave = Candidate(effect, ("wave",), scale={"wave": 100.0})
+    base = fitter.fit(Point(TRUE, (), seen))
+    trials = fitter.trials(base, wave, [np.array([0.5]), np.array([2.0])])
+    for reduction, size in trials:
+        assert reduction == pytest.approx(base.chi2, rel=1e-3)
+        assert size == pytest.approx([5.0], rel=1e-3)
 
 
 def test_a_fit_ends_at_the_bound_of_a_window():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.diagnosis.signature import Direction, Step, slopes
+from calib.diagnosis.signature import ZERO_DERIVATIVE, Direction, Step, slopes
 
 
 class Shown:
@@ -97,6 +97,20 @@ def test_what_bends_has_no_slope_at_larger_steps_either():
     [slope] = slopes(Bent(2.0), Numbers(), Here(), [direction])
     assert not slope.reliable
     assert "finite differences with two step sizes differ by 42%" in slope.reason
+
+
+def test_what_changes_by_its_square_has_no_slope_and_is_not_without_effect():
+    """By the first step nothing changes, and by the one that would be right of a line much more than the noise."""
+
+    class Even(Line):
+        def map(self, payloads):
+            return enumerate(Shown(self.rate * values["x"] ** 2) for values in payloads)
+
+    direction = Direction("x", 0.0, 1.0, -np.inf, np.inf)
+    [slope] = slopes(Even(300.0), Numbers(), Here(), [direction])
+    assert (slope.column, slope.reliable, slope.reason) == (None, False, ZERO_DERIVATIVE)
+    [none] = slopes(Even(1e-5), Numbers(), Here(), [direction])
+    assert (none.reason, none.reliable) == ("it changes no record", True)
 
 
 def test_a_step_that_was_right_before_is_not_compared_again():

@@ -14,7 +14,8 @@ class Bound:
     def __init__(self, name, **values):
         effect = EFFECTS[name]
         self.law, self.states = effect.law.function, effect.law.states
-        self.p = effect.bound({p.name: p.nominal for p in effect.parameters} | values).p
+        self.values = {p.name: p.nominal for p in effect.parameters} | values
+        self.p = effect.bound(self.values).p
 
     def __call__(self, x, v, z=(), t=0.0):
         own, dz = np.zeros(4), np.zeros(4)
@@ -40,26 +41,23 @@ class Bound:
         return force[:2] @ moved + force[2:] @ z
 
 
-@pytest.mark.parametrize(
-    ("general", "simple"),
-    [
-        (
-            Bound("bouc_wen", hysteresis_force=2.0, hysteresis_exponent=1.0, hysteresis_shape=1.0),
-            Bound("presliding", dahl_force=2.0),
-        ),
-        (
-            Bound("stribeck", stribeck_force=2.0, stribeck_distance=1e-4, stribeck_rise=0.0),
-            Bound("presliding", dahl_force=2.0),
-        ),
-        (Bound("power_law_damping", power_damping=3.0, power_exponent=2.0), Bound("quadratic_drag", c2=3.0)),
-        (Bound("power_law_damping", power_damping=3.0, power_exponent=1.0), Bound("linear_drag", c1=3.0)),
-    ],
-    ids=["bouc_wen", "stribeck", "power_law_2", "power_law_1"],
-)
-def test_a_general_law_contains_the_simpler_one(general, simple):
+STATED = [(general.name, special) for general in EFFECTS.values() for special in general.special_cases]
+
+
+def test_special_cases_are_stated():
+    assert {("bouc_wen", "presliding"), ("stribeck", "presliding"), ("power_law_damping", "quadratic_drag")} < {*STATED}
+
+
+@pytest.mark.parametrize(("general", "special"), STATED)
+def test_a_general_law_contains_the_special_case_that_it_states(general, special):
+    values = {p.name: 2.0 * p.nominal or 3.0 for p in EFFECTS[special].parameters}
+    known = EFFECTS[general].special_cases[special]
+    own = {name: values[at] if isinstance(at, str) else at for name, at in known.items()}
+    assert EFFECTS[general].impossible(Bound(general, **own).values) == ""
+    one, other = Bound(general, **own), Bound(special, **values)
     for x, v, z in np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3)):
-        for one, other in zip(general(x, v, [z]), simple(x, v, [z]), strict=True):
-            assert one == pytest.approx(other, rel=1e-12) or simple.states == 0
+        for have, want in zip(one(x, v, [z]), other(x, v, [z]), strict=True):
+            assert have == pytest.approx(want, rel=1e-12) or other.states == 0
 
 
 def test_iwan_sliders_with_all_slip_at_once_are_bouc_wen_s():
