@@ -62,13 +62,13 @@ def outcome(found: Mapping[str, object]) -> Counter[str]:
     """What counts of a case."""
     cause = found["cause"]
     if cause is None:
-        return Counter({"cases": 1, "nothing found": found["verdict"] == "none"})
+        return Counter({"cases": 1, "nothing found": int(found["verdict"] == "none")})
     if found["z"] < VISIBLE_Z:
         return Counter({"cases": 1})
     accepted = CAUSES[cause].accepted
     in_class = any(name in accepted for names in found["classes"] for name in names)
     alone = len(found["causes"]) == 1 and found["causes"][0] in accepted
-    return Counter({"cases": 1, "z >= 8": 1, "in the class": in_class, "named alone": alone})
+    return Counter({"cases": 1, "z >= 8": 1, "in the class": int(in_class), "named alone": int(alone)})
 
 
 def main():
