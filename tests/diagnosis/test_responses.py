@@ -147,7 +147,7 @@ def test_a_power_of_the_velocity_is_not_taken_for_its_square_and_a_further_cause
 
 @pytest.mark.slow
 def test_a_spring_whose_sign_makes_no_difference_is_tried(tmp_path):
-    """In a linear oscillator its derivative is zero, and of a step that would be right of another effect it was rounding."""
+    """Its derivative is zero in a linear oscillator: it was taken to change nothing."""
     _, said = diagnosed("quadratic_stiffness", 800, tmp_path, candidates=("cubic_stiffness", "quadratic_stiffness"))
     assert ["quadratic_stiffness"] in said["class"]
 

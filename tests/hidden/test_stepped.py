@@ -90,4 +90,4 @@ def linear_response(cause, omega, size, form):
 @pytest.mark.parametrize("cause", CAUSES)
 def test_what_is_hidden_is_visible_and_nothing_is_not(cause):
     assert signal_to_noise(drawn(cause, 0)) > 8.0
-    assert signal_to_noise(drawn(None, 0)) < 0.1
+    assert signal_to_noise(drawn(None, 0)) < 0.5
