@@ -4,10 +4,9 @@ A step is chosen so that the response of all records together is a share of one 
 of that size would make: that is where the effect has to be distinguishable from nothing. Differences are one-sided, for
 many parameters stand at the end of their range, where their effect is absent. Where a small step changes nothing and a
 larger one does, as of an effect whose sign makes no difference, there is no derivative to test. Where a step and its
-triple disagree by
-more than a tenth, the simulations may have numerical noise, as those of contact by time stepping do: triple steps are
-tried as long as slopes agree better, or as the larger step has no larger response. Where none agree within a tenth, no
-derivative is claimed. The other places that choose a step do so for another purpose: see
+triple disagree by more than a tenth, the simulations may have numerical noise, as those of contact by time stepping do:
+triple steps are tried as long as slopes agree better, or as the larger step has no larger response. Where none agree
+within a tenth, no derivative is claimed. The other places that choose a step do so for another purpose: see
 `calib.confidence.derivatives`, from which the comparison of slopes comes.
 """
 

@@ -41,7 +41,8 @@ def read_matlab(path: Path, content: bytes) -> Sheet:
     else:
         arrays, unread = matlab_arrays(path, content)
     columns: dict[str | int, Cells] = {key: column for n, v in arrays.items() for key, column in _columns(n, v)}
-    unfit = {**unread, **{n: _described(n, v) for n, v in arrays.items() if n not in columns}}
+    described = {name: _described(name, array) for name, array in arrays.items() if name not in columns}
+    unfit: dict[str | int, str] = dict([*unread.items(), *described.items()])
     return Sheet(path, columns, None, unfit=unfit)
 
 
