@@ -37,7 +37,7 @@ IMPACTS = " Triangles and dashed lines mark impacts in the simulation."
 RESPONSE = (
     "Amplitude and phase of each harmonic over the frequency of the excitation, a colour a level: measured points, and "
     "the stable motions that sweeps of these levels and directions run through. Triangles point in the direction of "
-    "the sweep."
+    "the sweep; bars are 2 standard uncertainties, and what is no larger has no phase."
 )
 HELD_RESPONSE = (
     "Amplitude and phase over the frequency of the excitation, a colour for each amplitude that was held: measured "

@@ -32,6 +32,7 @@ LIGHTEST_SWEEP = 0.82  # of the colour map: the yellow beyond it is too light on
 MAX_LEGEND_SWEEPS = 12  # count: six levels up and down
 MAX_LEGEND_COLUMNS = 5  # count
 BAR_SIGMAS = 2.0  # standard uncertainties on either side of a point
+MIN_PHASE_SHARE = 1e-6  # of the largest first harmonic: a smaller one, of a simulation, has the phase of rounding  [1]
 UP, DOWN = "^", "v"  # markers of points of a sweep up and down
 FIRST_HEIGHT = 4.4  # of amplitude and phase of the first harmonic of a body  [inch]
 HIGHER_HEIGHT = 3.4  # the same of a higher one  [inch]
@@ -40,7 +41,8 @@ HIGHER_HEIGHT = 3.4  # the same of a higher one  [inch]
 def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
     """Amplitude and phase of each harmonic of each body: measured points, and the stable stretches of its sweeps.
 
-    Triangles point in the direction of the sweep; bars are 2 standard uncertainties, where the record states them.
+    Triangles point in the direction of the sweep; bars are 2 standard uncertainties, where the record states them. What
+    is no larger than its bar has no phase, nor has a simulated harmonic that is rounding.
 
     Parameters
     ----------
@@ -161,7 +163,8 @@ def _points(
         half = None if sigma is None else BAR_SIGMAS * scale * sigma[points]
         upper.errorbar(frequency[points], scale * np.abs(own[points]), half, elinewidth=0.6, **look)
         if has_phase(measured):
-            lower.plot(frequency[points], _phase(own[points], order), **look)
+            known = True if half is None else scale * np.abs(own[points]) > half
+            lower.plot(frequency[points], np.where(known, _phase(own[points], order), np.nan), **look)
     return scale, unit
 
 
@@ -170,13 +173,15 @@ def _curves(
     colours: dict[float, tuple[float, float, float, float]], scale: float,
 ) -> None:  # fmt: skip
     own, frequency = _harmonic(simulated, body, order), simulated["frequency"].values
+    least = MIN_PHASE_SHARE * float(np.abs(_harmonic(simulated, body, 1)).max())
     for piece in np.unique(simulated["piece"].values):
         at = np.flatnonzero(simulated["piece"].values == piece)
         colour = colours[float(simulated["sweep"].values[at[0]])]
         upper.plot(frequency[at], scale * np.abs(own[at]), color=colour, linewidth=1.1)
         phase = _phase(own[at], order)
         wraps = np.abs(np.diff(phase, prepend=phase[0])) > 180.0
-        lower.plot(frequency[at], np.where(wraps, np.nan, phase), color=colour, linewidth=1.1)
+        hidden = wraps | (np.abs(own[at]) < least)
+        lower.plot(frequency[at], np.where(hidden, np.nan, phase), color=colour, linewidth=1.1)
 
 
 def _harmonic(response: xr.Dataset, body: str, order: int) -> np.ndarray:

@@ -77,3 +77,21 @@ def test_each_harmonic_has_panels_of_its_own():
     assert labels[1::2] == 3 * ["Phase [deg]"]
     residuals = [axes.get_ylabel() for axes in response_residual(record, record).axes]
     assert residuals == ["mass:\n|dH| / sigma", "mass:\n|dH_2| / sigma", "mass:\n|dH_4| / sigma", "dF / sigma"]
+
+
+def test_what_is_below_its_bar_or_is_rounding_has_no_phase():
+    plain = sweeps_up_and_down([1.0], 0.4)
+    size = plain.sizes["point"]
+    second = np.where(np.arange(size) < 3, 1e-5 + 0.0j, 1e-6)[None]
+    record = make_response(
+        plain.frequency.values, ["mass"], plain.in_phase.values, plain.level.values, "N", plain.sweep.values,
+        plain.direction.values, sigma=np.full((1, size), 2e-6), higher={2: second},
+    )  # fmt: skip
+    simulated = record.assign(in_phase_2=1e-17 * record.in_phase_2, piece=record.sweep)
+    axes = response_over_frequency(record, simulated).axes[3]
+    drawn = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines]
+    points, curves = ([y for line, y in zip(axes.lines, drawn, strict=True) if (line.get_linestyle() == "None") is own]
+                      for own in (True, False))  # fmt: skip
+    assert sum(np.isfinite(y).sum() for y in points) == 3
+    assert curves
+    assert not any(np.isfinite(y).any() for y in curves)
