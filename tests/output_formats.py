@@ -10,6 +10,7 @@ import h5py
 import meshio
 import numpy as np
 import xarray as xr
+from matlab_73 import save_73
 from scipy.io import savemat
 
 TIME = np.arange(20.0) / 10
@@ -42,10 +43,7 @@ def hdf5(path: Path) -> None:
 
 
 def matlab_73(path: Path) -> None:
-    with h5py.File(path, "w", userblock_size=512) as file:
-        file["t"], file["tip"] = TIME, TIME
-    with open(path, "r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
+    save_73(path, {"t": TIME, "tip": TIME})
 
 
 def collection(path: Path) -> None:

@@ -374,7 +374,8 @@ def _orders(candidate: Candidate, sizes: Sequence[np.ndarray], changes: Sequence
         if min(lengths[k - 1 : k + 1] + places[k - 1 : k + 1]) > 0.0 and places[k] != places[k - 1]:
             growth = np.log(lengths[k] / lengths[k - 1]) / np.log(places[k] / places[k - 1])
             orders[k] = max(1, round(growth))
-    return [*orders[1:2], *orders[1:]] or orders
+    orders[:1] = orders[1:2] or orders[:1]  # of the first size that of the next
+    return orders
 
 
 def updated(ahead: Fit, behind: Fit, step: np.ndarray) -> Fit:

@@ -42,7 +42,8 @@ RESPONSE = (
 HELD_RESPONSE = (
     "Amplitude and phase over the frequency of the excitation, a colour for each amplitude that was held: measured "
     "points, and the motions at these amplitudes. Amplitudes are those at one level a sweep, in proportion to the one "
-    "that was held; as measured, the level changed from point to point in its place."
+    "that was held; as measured, the level changed from point to point in its place. Bars are 2 standard "
+    "uncertainties, and what is no larger has no phase."
 )
 RESPONSE_RESIDUAL = (
     "Distance from each measured point to the nearest one of the simulated curve, in standard uncertainties: in "

@@ -36,13 +36,13 @@ def read(path: Path, /, *, time: str | None = None, step: Step | None = None, co
     """
     try:
         with uninterrupted():
-            arrays = read_apart(partial(stored_arrays, path, time, step, columns), path)
+            arrays = read_apart(partial(_stored_arrays, path, time, step, columns), path)
     except UNREADABLE as error:
         raise CalibError(f"{path}: not a readable HDF5 file ({error}); did the program stop?") from error
     return columns_of_arrays(path, arrays, time, step, columns)
 
 
-def stored_arrays(
+def _stored_arrays(
     path: Path,
     time: str | None,
     step: float | None,
