@@ -331,6 +331,22 @@ class GainResult:
 
 
 @dataclass(frozen=True)
+class GrossErrorsResult:
+    """Points of a frequency response that are gross errors.
+
+    Attributes
+    ----------
+    record : its name
+    points : number of its points
+    frequencies : of those that are gross errors  [Hz]
+    """
+
+    record: str
+    points: int
+    frequencies: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class DiagnosisResult:
     """What a diagnosis found; numbers in SI, None where they are not known or not finite.
 
@@ -346,6 +362,7 @@ class DiagnosisResult:
     refused : effect -> why it could not be tested
     gates : conditions of the diagnosis
     outliers : share of the samples  [1]
+    gross_errors : points of frequency responses that count for next to nothing
     rounding : share of the noise of a channel that is quantisation  [1]
     misfit : None where the records could not be compared
     parameters : calibrated ones, and those of the causes
@@ -390,6 +407,7 @@ class DiagnosisResult:
     seconds: float = 0.0
     values: Mapping[str, float] = field(default_factory=dict)
     omitted: tuple[str, ...] = ()
+    gross_errors: tuple[GrossErrorsResult, ...] = ()
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> "DiagnosisResult":
@@ -411,7 +429,7 @@ class DiagnosisResult:
     def as_dict(self) -> dict[str, Any]:
         """Return the object of diagnosis.json, which `json.dumps(..., allow_nan=False)` takes."""
         document = plain(self)
-        for name, value in (("omitted", self.omitted), ("levels", self.levels)):
+        for name, value in (("omitted", self.omitted), ("levels", self.levels), ("gross_errors", self.gross_errors)):
             if not value:  # as in documents of 0.1
                 del document[name]
         return {**document, "misfit": document["misfit"] or {}}

@@ -116,6 +116,7 @@ def gathered(
                 clock=(clocks or {}).get(name),
                 sweep=reference.record["sweep"].values if reference.is_swept else None,
                 level=levels_of_sweeps(reference.record) if reference.is_swept else None,
+                frequency=reference.record["frequency"].values if reference.is_swept else None,
                 sigma_source=str(reference.record.attrs.get(SIGMA_SOURCE, STATED)),
             )
         )

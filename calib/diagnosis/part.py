@@ -37,6 +37,7 @@ class Part:
     variance_along_clock : variance of what a model leaves along that change, over the noise's  [1]
     sweep, level : (n,) numbers of the sweep that each point of a frequency response belongs to, and of its level, which
         repeated sweeps share; None over time
+    frequency : (n,) of the excitation at each point of a frequency response [Hz]; None over time
     sigma_source : of the uncertainties that the record holds
     """
 
@@ -54,6 +55,7 @@ class Part:
     variance_along_clock: float = 1.0
     sweep: np.ndarray | None = None
     level: np.ndarray | None = None
+    frequency: np.ndarray | None = None
     sigma_source: str = STATED
 
     @property

@@ -25,6 +25,7 @@ from calib.diagnosis.document import (
     ExchangeResult,
     GainResult,
     GateResult,
+    GrossErrorsResult,
     JointSize,
     LeftOutResult,
     MisfitResult,
@@ -47,7 +48,7 @@ from calib.diagnosis.search import Round
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted, Scored, Suspect, cosine, leading_variants
 from calib.diagnosis.verdict import NOT_DIAGNOSABLE, UNEXPLAINED
-from calib.objective import MISFIT
+from calib.objective import MAX_GROSS_TRUST, MISFIT
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -94,7 +95,19 @@ def diagnosis_result(diagnosis: Diagnosis, values: Mapping[str, float]) -> Diagn
         seconds=diagnosis.seconds,
         values=values,
         omitted=diagnosis.omitted,
+        gross_errors=() if selection is None or evidence is None else _gross_errors(selection, evidence),
     )
+
+
+def _gross_errors(selection: Selection, evidence: Evidence) -> tuple[GrossErrorsResult, ...]:
+    """Points of frequency responses that count for next to nothing beside the extended model."""
+    found = []
+    for part in evidence.parts:
+        if part.frequency is not None:
+            gross = part.frequency[selection.final.point.simulated[part.name].trust < MAX_GROSS_TRUST]
+            if gross.size:
+                found.append(GrossErrorsResult(part.name, part.time.size, tuple(gross.tolist())))
+    return tuple(found)
 
 
 def _is_open(diagnosis: Diagnosis) -> bool:

@@ -57,6 +57,10 @@ class ResponseDistance:
         parts = (part for harmonic in own for part in (harmonic.real, harmonic.imag))
         return np.stack([np.broadcast_to(frequency, own[0].shape), *parts], axis=1)
 
+    def trust(self, record: xr.Dataset) -> np.ndarray:
+        """Factors (1, point) on the distances of a simulated response: less than 1 of a gross error."""
+        return record.variables["trust"].values[None]
+
     def scale(self, reference: xr.DataArray) -> xr.DataArray:
         """Uncertainty of each value (body, channel, point), times the rms ratio of amplitude to uncertainty."""
         return reference["tolerance"].reset_coords(drop=True)

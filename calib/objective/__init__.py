@@ -1,6 +1,7 @@
 """The distance of simulated records from measured ones."""
 
 from calib.objective.alignment import trusted
+from calib.objective.gross_errors import MAX_GROSS_TRUST, gross_errors, without_gross_errors
 from calib.objective.initial_state import Released, initial_state, simulations, with_initial_state
 from calib.objective.misfit import MISFIT, Squares, compared_rows, misfit, record_misfit, row_weights, squares_of
 from calib.objective.objective import Objective
@@ -11,6 +12,7 @@ from calib.objective.terms import INITIAL_STATE, Feature, Reference, Score, Term
 __all__ = [
     "CLOCK_RATE",
     "INITIAL_STATE",
+    "MAX_GROSS_TRUST",
     "MISFIT",
     "Feature",
     "FeatureValue",
@@ -21,6 +23,7 @@ __all__ = [
     "Squares",
     "Term",
     "compared_rows",
+    "gross_errors",
     "initial_state",
     "misfit",
     "record_misfit",
@@ -29,4 +32,5 @@ __all__ = [
     "squares_of",
     "trusted",
     "with_initial_state",
+    "without_gross_errors",
 ]

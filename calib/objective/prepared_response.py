@@ -8,6 +8,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from calib.errors import CalibError
+from calib.objective.gross_errors import may_be_gross, trust_at
 from calib.objective.prepared_reference import Pairs, SensedRecord
 from calib.objective.scalar_features import FeatureValue, Scalar, compared
 from calib.objective.stable_stretches import StableStretch, stable_stretches
@@ -51,6 +52,8 @@ class PreparedResponse:
         self._frequency_sigma, self._sigma = compared_tolerances(self.record)
         self._orders = len(harmonic_orders(self.record))
         self._higher_sigma = harmonic_tolerances(self.record)[1:]
+        self._parts = len(self._rows) * (2 if has_phase(self.record) else 1)
+        self._may_be_gross = self._apart_from_neighbours()
 
     def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
         """Status and reason of a response that cannot be compared, None where it can."""
@@ -71,15 +74,20 @@ class PreparedResponse:
         simulated = self._read(simulated)
         size = self.record.sizes["point"]
         frequency, rows = np.empty(size), np.empty((self._orders * len(self.bodies), size), dtype=complex)
+        trust = np.empty(size)
         for points, feet in self._feet(simulated):
-            frequency[points], rows[:, points] = feet.frequency, feet.amplitude
+            frequency[points], rows[:, points], trust[points] = (
+                feet.frequency,
+                feet.amplitude,
+                self._trust(feet, points),
+            )
         harmonics = compared_of(
             rows.reshape(self._orders, len(self.bodies), size), self.record["sweep"].values, self.record
         )
         values = {
             "frequency": ("point", frequency, {"units": "Hz"}),
             **{part: (("body", "point"), own, {"units": "m"}) for part, own in split_parts(self.record, harmonics)},
-            "trust": ("point", np.ones(size)),
+            "trust": ("point", trust),
         }
         return SensedRecord(self.record.assign(values), simulated, {}, KIND, frozenset())
 
@@ -93,12 +101,13 @@ class PreparedResponse:
         """
         parts = self.reference.compared
         rows, own = self._rows, complex_harmonics(parts)
-        left = own.reshape(-1, own.shape[-1])  # by row: a view
+        left, trust = own.reshape(-1, own.shape[-1]), np.empty(own.shape[-1])  # by row: a view
         for points, feet in self._feet(self._read(simulated)):
             real, imaginary = _turned(feet.apart, feet.tangent)[:, 1:].T.reshape(2, len(rows), len(points))
-            left[np.array(rows)[:, None], points] -= real + 1j * imaginary
+            trust[points] = self._trust(feet, points)
+            left[np.array(rows)[:, None], points] -= trust[points] * (real + 1j * imaginary)
         values = {part: (("body", "point"), values) for part, values in split_parts(parts, own)}
-        return parts.assign({**values, "trust": ("point", np.ones(own.shape[-1]))})
+        return parts.assign({**values, "trust": ("point", trust)})
 
     def _read(self, simulated: xr.Dataset) -> xr.Dataset:
         """Bodies of a simulated response that were measured, without phases where none were."""
@@ -110,6 +119,19 @@ class PreparedResponse:
         """Numbers of the rows that are compared: bodies of the first harmonic, of the next one, and so on."""
         own, n = [self.bodies.index(body) for body in self._bodies], len(self.bodies)
         return [order * n + body for order in range(self._orders) for body in own]
+
+    def _apart_from_neighbours(self) -> np.ndarray:
+        """Whether each point (point,) lies apart from those before and after it in its sweep."""
+        size, found = self.record.sizes["point"], np.zeros(self.record.sizes["point"], dtype=bool)
+        scaled = (compared_harmonics(self.record) / self._sigma).reshape(-1, size)[self._rows]
+        for _, points in sweeps(self.record):
+            found[points] = may_be_gross(np.concatenate([scaled.real, scaled.imag])[:, points], self._parts)
+        return found
+
+    def _trust(self, feet: "_Feet", points: np.ndarray) -> np.ndarray:
+        """Factors (k,) in (0, 1] on the distances of k of the points: less than 1 of gross errors."""
+        trust = trust_at(np.square(feet.apart).sum(axis=1), self._parts)
+        return np.where(self._may_be_gross[points], trust, 1.0)
 
     def _feet(self, simulated: xr.Dataset) -> Iterator[tuple[np.ndarray, "_Feet"]]:
         """Measured points of each sweep with the nearest ones of its curve."""

@@ -1,6 +1,6 @@
 """What a frequency response holds, in sentences and in the words of figures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import xarray as xr
@@ -62,6 +62,24 @@ def _range(values: np.ndarray, unit: str) -> str:
     if np.ptp(values) <= STEADY_LEVEL * values.max():
         return shown(float(np.median(values)), unit)
     return f"{shown(float(values.min()), unit)} .. {shown(float(values.max()), unit)}"
+
+
+def gross_errors_text(name: str, size: int, frequencies: Sequence[float]) -> str:
+    """Name the points of a response that are gross errors.
+
+    Parameters
+    ----------
+    name : of the record
+    size : number of its points
+    frequencies : of those  [Hz]
+    """
+    one, at = len(frequencies) == 1, ", ".join(shown(frequency, "Hz") for frequency in frequencies)
+    lie, were, count, them = ("lies", "it was", "counts", "it") if one else ("lie", "they were", "count", "them")
+    return (
+        f"record {name!r}: {len(frequencies)} of {size} points, at {at}, {lie} neither on the simulated response nor "
+        f"beside the points measured before and after; {were} read while the motion still jumped, or in error, and "
+        f"{count} for next to nothing: measure {them} again and wait longer"
+    )
 
 
 def response_description(record: xr.Dataset) -> Iterator[str]:

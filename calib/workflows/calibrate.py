@@ -15,7 +15,7 @@ from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.pool import Failure, in_order
 from calib.objective import Objective, record_misfit
-from calib.records import OK, failed, is_response
+from calib.records import OK, failed
 from calib.report.pages.page import render
 from calib.report.plots.motion import trial_picture
 from calib.store import Header, Store, Trial, read
@@ -39,14 +39,13 @@ from calib.study.result import HeldOutSummary
 from calib.study.summary import held_out, not_simulated, summarised
 from calib.study_file import StudyFile, load
 from calib.workflows import stored
-from calib.workflows.amplitudes import implausible_amplitudes
 from calib.workflows.calibrated import calibration_command, check_free, folder_of_results
 from calib.workflows.doubtful_records import doubtful_records
 from calib.workflows.dry_run import check_simulator_runs
 from calib.workflows.evaluations import CALIBRATED, CONFIRM, SEARCH, Case, Evaluations, IdleWorkers, held_out_references
+from calib.workflows.record_remarks import record_remarks
 from calib.workflows.residual import residuals_beside_noise
 
-MAX_FREE_TRIGGER_SHARE = 0.5  # of the distance: a free trigger is recommended where it leaves less
 UNFINISHED = "not finished"  # why a search ended that has not
 
 
@@ -287,7 +286,7 @@ def _summarised(
             *([] if point is None or not point.repetition else [point.repetition]),
             *([] if confirmation is None else confirmation.remarks),
             *_in_the_place_of_intervals(study, search.trials, confidence),
-            *_remarks(study, point),
+            *record_remarks(study, None if point is None else point.evaluation),
             *answered_from_cache(search.trials),
             *([] if search.choice is None else [search.choice.remark]),
             *getattr(study.model.simulator, "remarks", ()),
@@ -362,7 +361,7 @@ def _read_back(file: StudyFile, folder: Path, records: Mapping[str, xr.Dataset] 
             score=point.evaluation.score if point is not None and isinstance(point.evaluation, Evaluation) else None,
             holdout=_prediction_summaries(file, predictions),
             residual=residuals_beside_noise(study.objective, None if point is None else point.evaluation),
-            remarks=_remarks(study, point),
+            remarks=record_remarks(study, None if point is None else point.evaluation),
         )
     return Calibrated(header, trials, point, predictions, summary)
 
@@ -406,25 +405,6 @@ def _in_the_place_of_intervals(
     units = {name: study.model.parameters[name.partition("@")[0]].unit for name in study.space.names}
     sentence = describe_near_optimal(study.space, trials, units)
     return [sentence] if sentence else []
-
-
-def _remarks(study: CalibrationStudy, point: BestPoint | None) -> list[str]:
-    """Name records of an implausible amplitude, and those that fit far better if their start is left open."""
-    if point is None or not isinstance(point.evaluation, Evaluation) or point.evaluation.score.status != OK:
-        return []
-    objective, cost = study.objective, point.evaluation.score.cost
-    tables = [name for name, stated in study.definition.get("records", {}).items() if "table" in stated]
-    remarks = implausible_amplitudes(objective, point.evaluation.records, tables)
-    for name in objective.scored:
-        reference = objective.references[name]
-        if reference.excitation.periodic and not ("trigger" in reference.nuisance or is_response(reference.record)):
-            freed = objective.with_free_trigger(name)(point.evaluation.records).cost
-            if freed < MAX_FREE_TRIGGER_SHARE * cost:
-                remarks.append(
-                    f"were {name} to start at another instant of its period, the distance would be {freed:.2g} instead "
-                    f'of {cost:.2g}: give it nuisance = ["trigger"] unless its start is known'
-                )
-    return remarks
 
 
 def _simulations(

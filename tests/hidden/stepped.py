@@ -1,9 +1,9 @@
 """Stepped sines of an oscillator with a hidden force, and the study that seeks it.
 
-The instrument holds each frequency until the motion repeats, measures the complex amplitude with noise of 2 % of the
-rms amplitude of a level or with what a `SteppedLaboratory` adds, and goes on from there, so that a fold is passed as in
-a laboratory. Integrated by Runge and Kutta's classical method with fixed steps, which shares nothing with what is
-calibrated.
+The instrument holds each frequency until the motion repeats, or for some periods only, measures the complex amplitude
+with noise of 2 % of the rms amplitude of a level or with what a `SteppedLaboratory` adds, and goes on from there, so
+that a fold is passed as in a laboratory. Integrated by Runge and Kutta's classical method with fixed steps, which
+shares nothing with what is calibrated.
 """
 
 from collections.abc import Sequence
@@ -27,10 +27,13 @@ CLOSED = 1e-6  # change of displacement and velocity over a period, over the lar
 
 
 @njit
-def _stepped(force: Force, states: int, size: float, form: float, values: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _stepped(
+    force: Force, states: int, size: float, form: float, values: np.ndarray, points: np.ndarray, wait: int
+) -> np.ndarray:
     """Complex amplitudes (n,) of displacement by a force level cos(2 pi f t) per frequency, in their order  [m].
 
     points : (n, 3) frequency, level, and factor on the stiffness
+    wait : periods at each frequency; 0: until the motion repeats
     """
     mass, damping, frequencies = values[0], values[2], points[:, 0]
     y, found = np.zeros(2 + states), np.zeros(frequencies.size, dtype=np.complex128)
@@ -38,7 +41,7 @@ def _stepped(force: Force, states: int, size: float, form: float, values: np.nda
         omega = 2.0 * np.pi * frequencies[k]
         h = 2.0 * np.pi / omega / STEPS_PER_PERIOD
         level, stiffness = points[k, 1], points[k, 2] * values[1]
-        left, largest = MAX_PERIODS, np.zeros(2)
+        left, largest = wait or MAX_PERIODS, np.zeros(2)
         while left > 0:
             before, total = y.copy(), 0.0j
             for step in range(STEPS_PER_PERIOD):
@@ -54,7 +57,7 @@ def _stepped(force: Force, states: int, size: float, form: float, values: np.nda
                         stages = y + (1.0 if stage == 2 else 0.5) * h * slope[stage]
                 y = y + h / 6.0 * (slope[0] + 2.0 * slope[1] + 2.0 * slope[2] + slope[3])
                 largest = np.maximum(largest, np.abs(y[:2]))
-            closed = (np.abs(y[:2] - before[:2]) < CLOSED * largest).all()
+            closed = not wait and (np.abs(y[:2] - before[:2]) < CLOSED * largest).all()
             left = min(left - 1, MEASURED_PERIODS if closed else left)
         found[k] = total
     return found
@@ -79,10 +82,10 @@ def drawn(cause: str | None, seed: int) -> Truth:
     return Truth(cause, float(np.exp(rng.uniform(*low))), float(np.exp(rng.uniform(*high))), values)
 
 
-def _amplitudes(truth: Truth, points: np.ndarray) -> np.ndarray:
-    """Complex amplitudes (n,) without noise  [m]; points as `_stepped` takes them."""
+def _amplitudes(truth: Truth, points: np.ndarray, wait: int = 0) -> np.ndarray:
+    """Complex amplitudes (n,) without noise  [m]; points and wait as `_stepped` takes them."""
     cause = CAUSES[truth.cause or "cubic_stiffness"]
-    return _stepped(cause.force, cause.states, truth.size, truth.form, truth.values, points)
+    return _stepped(cause.force, cause.states, truth.size, truth.form, truth.values, points, wait)
 
 
 def signal_to_noise(truth: Truth) -> float:
@@ -121,7 +124,7 @@ def record(truth: Truth, levels: Sequence[float], seed: int, laboratory: Stepped
     sweep = np.repeat(np.arange(float(len(ways))), FREQUENCIES.size)
     acting = laboratory.levels(level, rng)
     points = np.column_stack([frequency, acting, laboratory.stiffness(level.size, rng)])
-    own = [_amplitudes(truth, points[sweep == one]) for one in range(len(ways))]
+    own = [_amplitudes(truth, points[sweep == one], laboratory.wait) for one in range(len(ways))]
     rms = np.repeat([np.sqrt(np.mean(np.abs(one) ** 2)) for one in own], FREQUENCIES.size)
     amplitude, kept = laboratory.kept(laboratory.measured(np.concatenate(own), rms, rng), sweep, rng)
     told = acting if laboratory.trouble == "told level" else level

@@ -15,6 +15,7 @@ MEMORY = 0.5, 0.95  # correlation of what wanders from point to point
 RESONANCE = 0.001, 0.003  # relative change of the natural frequency over a record
 OUTLIER = 0.2, 0.4  # error of the point after the largest jump, over its amplitude
 MISSING = 2  # points about the largest jump
+WAIT = 25, 60  # periods at each frequency, after which it is measured whether the motion repeats or not
 
 
 class SteppedLaboratory(NamedTuple):
@@ -40,6 +41,11 @@ class SteppedLaboratory(NamedTuple):
         size = float(np.exp(rng.uniform(*np.log(TROUBLES[trouble]))))
         return cls(trouble, WAYS[rng.integers(len(WAYS))], size, float(rng.uniform(*MEMORY)))
 
+    @property
+    def wait(self) -> int:
+        """Periods that a motion is given at each frequency; 0: as many as it needs."""
+        return int(self.size) if self.trouble == "short wait" else 0
+
     def levels(self, level: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Levels (n,) that act at the points of a record, of which these (n,) are set."""
         wanders = self.trouble in ("level", "told level")
@@ -60,7 +66,8 @@ class SteppedLaboratory(NamedTuple):
         if self.trouble == "gain":
             gain = wandering(own.size, self.memory, rng) + 1j * wandering(own.size, self.memory, rng)
             return own * (1.0 + self.size * gain) + QUIET_NOISE * rms * white
-        return own + (QUIET_NOISE if self.trouble in ("level", "told level") else NOISE) * rms * white
+        quiet = self.trouble in ("level", "told level", "short wait")
+        return own + (QUIET_NOISE if quiet else NOISE) * rms * white
 
     def kept(self, own: np.ndarray, sweep: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Amplitudes (m,) and indices (m,) of the points of a record that are kept, where one lies or some are lost."""
@@ -85,6 +92,7 @@ TROUBLES = {  # and the least and the greatest of its size
     "resonance": RESONANCE,
     "outlier": OUTLIER,
     "missing": (MISSING, MISSING),
+    "short wait": WAIT,
 }
 
 

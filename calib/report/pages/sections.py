@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from calib.objective import CLOCK_RATE, misfit, squares_of
+from calib.objective import CLOCK_RATE, gross_errors, misfit, squares_of, without_gross_errors
 from calib.records import is_response
 from calib.records.cycles import WITHOUT_KIND
 from calib.records.decay import FREE_DECAY
@@ -47,7 +47,8 @@ HELD_RESPONSE = (
 )
 RESPONSE_RESIDUAL = (
     "Distance from each measured point to the nearest one of the simulated curve, in standard uncertainties: in "
-    "complex amplitude, and in frequency, where a fold of the simulation comes early or late."
+    "complex amplitude, and in frequency, where a fold of the simulation comes early or late. Points that are ringed "
+    "above are left out."
 )
 DECAY = (
     "Frequency and damping ratio over the amplitude of the fundamental: measured, a dot a period by its zero "
@@ -104,10 +105,20 @@ class RecordSection:
     rms: tuple[ChannelMisfitRow, ...]
 
 
-def _response_picture(name: str, measured: xr.Dataset, simulated: xr.Dataset | None) -> Picture | None:
-    """Picture of a measured response with what was simulated."""
+def _response_picture(
+    name: str, measured: xr.Dataset, aligned: xr.Dataset | None, simulated: xr.Dataset | None
+) -> Picture | None:
+    """Picture of a measured response with what was simulated, and that put on the measured points."""
     caption = HELD_RESPONSE if is_held(measured) else RESPONSE
-    return pictured(response_over_frequency(measured, simulated), f"response-{name}", caption)
+    if aligned is None:
+        return pictured(response_over_frequency(measured, None), f"response-{name}", caption)
+    return pictured(response_over_frequency(measured, simulated, gross_errors(aligned)), f"response-{name}", caption)
+
+
+def _response_residual_picture(name: str, measured: xr.Dataset, aligned: xr.Dataset, bound: str) -> Picture | None:
+    """Picture of the distances of a measured response, without gross errors; bound: what its caption adds."""
+    drawn = response_residual(*without_gross_errors(measured, aligned))
+    return pictured(drawn, f"residual-{name}", RESPONSE_RESIDUAL + bound)
 
 
 def record_section(
@@ -136,7 +147,7 @@ def record_section(
     impacts = IMPACTS if aligned is not None and impact_times(aligned).size else ""
     drawn, bound = _drawn_bodies(measured, aligned)
     figures = (
-        [_response_picture(name, drawn, None if aligned is None else simulated)]
+        [_response_picture(name, drawn, aligned, simulated)]
         if response
         else [
             pictured(phase_curves(drawn, aligned, without), f"loop-{name}", PHASE_CURVE + impacts + bound),
@@ -148,7 +159,7 @@ def record_section(
     residuals: list[Picture | None] = []
     if reference.use == "calibrate" and aligned is not None and simulated is not None:
         residuals = (
-            [pictured(response_residual(drawn, aligned), f"residual-{name}", RESPONSE_RESIDUAL + bound)]
+            [_response_residual_picture(name, drawn, aligned, bound)]
             if response
             else _residuals(name, drawn, aligned, simulated, bound)
         )
@@ -204,8 +215,10 @@ def _residuals(
 
 
 def _misfit_by_channel(measured: xr.Dataset, aligned: xr.Dataset) -> list[ChannelMisfitRow]:
-    """Misfit of every compared channel; None where the channel is constant."""
+    """Misfit of every compared channel, without gross errors of a response; None where the channel is constant."""
     rows = []
+    if is_response(measured):
+        measured, aligned = without_gross_errors(measured, aligned)
     for body, channel in compared_channels(measured, aligned):
         relative = misfit([squares_of(measured, aligned, [(body, channel)])])
         moves = float(measured[channel].sel(body=body).std()) > 0.0

@@ -23,7 +23,7 @@ from calib.records.response import (
     sweeps,
     tolerances,
 )
-from calib.report.plots.style import DPI, LINE, STYLE, TEXT_WIDTH, Look, fitted_legend, png
+from calib.report.plots.style import DPI, LINE, MARK, STYLE, TEXT_WIDTH, Look, fitted_legend, png
 from calib.report.response_description import level_text
 from calib.units import shown_unit
 
@@ -35,10 +35,16 @@ BAR_SIGMAS = 2.0  # standard uncertainties on either side of a point
 MIN_PHASE_SHARE = 1e-6  # of the largest first harmonic: a smaller one, of a simulation, has the phase of rounding  [1]
 UP, DOWN = "^", "v"  # markers of points of a sweep up and down
 FIRST_HEIGHT = 4.4  # of amplitude and phase of the first harmonic of a body  [inch]
+NO_POINTS = np.zeros(0, dtype=int)
+RING: Look = {
+    "color": MARK, "marker": "o", "markersize": 9.0, "markerfacecolor": "none", "linestyle": "none",
+}  # fmt: skip
 HIGHER_HEIGHT = 3.4  # the same of a higher one  [inch]
 
 
-def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure:
+def response_over_frequency(
+    measured: xr.Dataset, simulated: xr.Dataset | None, gross: np.ndarray = NO_POINTS
+) -> Figure:
     """Amplitude and phase of each harmonic of each body: measured points, and the stable stretches of its sweeps.
 
     Triangles point in the direction of the sweep; bars are 2 standard uncertainties, where the record states them. What
@@ -48,6 +54,7 @@ def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) 
     ----------
     measured : frequency response
     simulated : the response that was simulated, see `calib.dynamics.swept_response`; None: there is none
+    gross : indices of the points that are gross errors, which are ringed
     """
     rows = [(str(body), order) for body in measured.body.values for order in harmonic_orders(measured)]
     heights = [FIRST_HEIGHT if order == 1 else HIGHER_HEIGHT for _, order in rows]
@@ -58,6 +65,8 @@ def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) 
         colours = _colours(measured)
         for (body, order), (upper, lower) in zip(rows, grid.reshape(-1, 2), strict=True):
             scale, unit = _points(upper, lower, measured, body, order, colours)
+            own = scale * np.abs(_harmonic(measured, body, order))
+            upper.plot(measured["frequency"].values[gross], own[gross], **RING)
             if simulated is not None and body in simulated.body.values:
                 _curves(upper, lower, simulated, body, order, colours, scale)
             at = " at one level" if is_held(measured) else ""
@@ -68,7 +77,8 @@ def response_over_frequency(measured: xr.Dataset, simulated: xr.Dataset | None) 
         grid[-1].set_xlabel("Frequency of the excitation [Hz]")
         label = "simulated" if is_held(measured) else "simulated, stable"
         stable = Line2D([], [], color=LINE, linewidth=1.1, label=label)
-        sweep_legend(figure, measured, *([] if simulated is None else [stable]))
+        ringed = Line2D([], [], **RING, label="read in a jump, or in error")
+        sweep_legend(figure, measured, *([] if simulated is None else [stable]), *([ringed] if gross.size else []))
     return figure
 
 

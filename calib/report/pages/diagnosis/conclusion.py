@@ -14,6 +14,7 @@ from calib.diagnosis.verdict import NAMED, NONE, ONE_OF, UNEXPLAINED, explained,
 from calib.report.formatting import capitalised, distinguishing_digits, number, percent
 from calib.report.pages.diagnosis.levels import level_trends
 from calib.report.pages.diagnosis.sizes import disagreements, moved_sizes, moved_values, size_text, sizes
+from calib.report.response_description import gross_errors_text
 from calib.study import CalibrationResult
 
 MIN_EXPLAINED_SHARE = CRITERIA.min_over_remainder / (1.0 + CRITERIA.min_over_remainder)  # of a remainder  [1]
@@ -137,8 +138,11 @@ def _untried(diagnosis: DiagnosisResult) -> list[str]:
 
 
 def _faults(diagnosis: DiagnosisResult) -> list[str]:
-    """Sentences on faults of the records: outliers and quantisation."""
-    sentences = []
+    """Sentences on faults of the records: gross errors of responses, outliers and quantisation."""
+    sentences = [
+        f"{capitalised(gross_errors_text(gross.record, gross.points, gross.frequencies))}."
+        for gross in diagnosis.gross_errors
+    ]
     if diagnosis.outliers:
         outliers = percent(diagnosis.outliers)
         sentences.append(f"{outliers} of the samples are outliers; they were removed before every fit.")
