@@ -10,7 +10,7 @@ from calib.modelling.laws import BoundLaw, at_site
 from calib.simulators.impact.contact_laws import ContactLaw
 from calib.simulators.impact.flow import MAX_SERIES_ARGUMENT
 from calib.simulators.impact.modes import LinearStructure, Stop, regimes
-from calib.simulators.impact.problem import PORT, RIGID, Compliance, Problem, Regimes
+from calib.simulators.impact.problem import PORT, RIGID, UNLOADED, Compliance, Loads, Problem, Regimes
 from calib.simulators.impact.refinement import UNREFINED, Refinement
 from calib.simulators.law_calls import acting, addresses
 
@@ -102,8 +102,6 @@ def assemble(
         exact=not fixed_step,
         onto_surface=onto_surface,
         step=float(_longest_step(drive, step, collocated, fixed_step, fastest) / refinement.time_step),
-        collocated=collocated,
-        loaded_by_rate=bool(both.load_input[:, :, 1:].any() or both.motion_input.any()),
         resolution=_event_resolution(fastest, drive.period, refinement),
         lift=float(LIFT_TIME / max(fastest, contact.highest_frequency if contact else 0.0)),
         extent=float(max(static, np.abs(both.motion).max(), EXTENT_OF_LAWS if called.counts[:2].any() else 0.0)),
@@ -111,6 +109,7 @@ def assemble(
         knots=_own(drive.knots),
         table=_own(drive.table),
         push=_push(structure),
+        loads=Loads(bool(both.load_input[:, :, 1:].any() or both.motion_input.any())) if collocated else UNLOADED,
         compliance=_compliance(contact, stop, both, drive, length, fastest, refinement),
         **called._asdict(),
     )

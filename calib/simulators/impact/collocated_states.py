@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from calib.modelling.laws import STATES
-from calib.simulators.compilation import WITHIN
+from calib.simulators.compilation import ENCLOSED, WITHIN
 from calib.simulators.impact.elimination import eliminate
 from calib.simulators.impact.law_states import STATE_DIFFERENCE
 from calib.simulators.impact.polynomial import INTEGRAL
@@ -23,7 +23,7 @@ from calib.simulators.law_calls import force
 MIN_SIZE_SHARE = 1e-6  # of what its rate makes in a step, the size of a state that is zero at all nodes  [1]
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def hold_states(z: np.ndarray, w: Scratch) -> None:
     """Let the internal states keep their value at all nodes."""
     for i in range(z.shape[0]):
@@ -34,7 +34,7 @@ def hold_states(z: np.ndarray, w: Scratch) -> None:
                     w.dz[i, b, k, j] = 0.0
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def integrate_states(problem: Problem, z: np.ndarray, step: float, first: int, end: int, w: Scratch) -> None:
     """Write the internal states at some of the points from their rates at the nodes."""
     for i in range(problem.counts[FORCE_LAWS]):
@@ -47,7 +47,7 @@ def integrate_states(problem: Problem, z: np.ndarray, step: float, first: int, e
                     w.z[i, b, k, j] = z[i, b, k] + step * total
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def differentiate_rates(
     problem: Problem, i: int, b: int, t: float, x: float, v: float, step: float, j: int, w: Scratch
 ) -> None:
@@ -68,7 +68,7 @@ def differentiate_rates(
             z[k] = own
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def solve_states(problem: Problem, z: np.ndarray, step: float, w: Scratch) -> None:
     """Write the internal states at the nodes from their rates there and the derivatives of these."""
     for i in range(problem.counts[FORCE_LAWS]):

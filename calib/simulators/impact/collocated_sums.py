@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from calib.modelling.laws import STATES
-from calib.simulators.compilation import WITHIN
+from calib.simulators.compilation import ENCLOSED, WITHIN
 from calib.simulators.impact.collocated_states import differentiate_rates
 from calib.simulators.impact.elimination import eliminate
 from calib.simulators.impact.polynomial import FIT, POINTS
@@ -23,7 +23,7 @@ VELOCITY_DIFFERENCE = 1e-6  # of a velocity, for the derivative of a law by it  
 MIN_VELOCITY_SHARE = 1e-6  # of the largest at the nodes without loads, the size of a velocity of zero  [1]
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def differentiate_laws(problem: Problem, start: float, step: float, j: int, w: Scratch) -> None:
     """Write the derivatives of the laws at node `j`: of their sums by velocities, of their rates by their states."""
     t, z, dz, place = start + POINTS[j] * step, w.law_state[0], w.law_state[1], w.place
@@ -41,7 +41,7 @@ def differentiate_laws(problem: Problem, start: float, step: float, j: int, w: S
         place[BY_VELOCITY, b, j] = (moved - place[SUM, b, j]) / difference if difference > 0.0 else 0.0
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def set_couplings(problem: Problem, r: int, w: Scratch) -> None:
     """Write the velocities at places and nodes per unit of the sum of laws at each place and node."""
     contact, push, coupling = r == CONTACT, problem.push, w.coupling

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from calib.modelling.laws import STATES
-from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.compilation import ENCLOSED, ENCLOSED_INLINED, WITHIN
 from calib.simulators.impact.collocated_states import (
     hold_states,
     integrate_states,
@@ -30,6 +30,7 @@ from calib.simulators.impact.collocated_sums import (
 from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.flow import impulse_response, load_responses
 from calib.simulators.impact.input_polynomial import set_input
+from calib.simulators.impact.kinds import by_stop
 from calib.simulators.impact.polynomial import BETWEEN, FIT, POINTS, PROBE_INDEX, polynomial, slope
 from calib.simulators.impact.problem import (
     AT_PERIOD,
@@ -46,7 +47,6 @@ from calib.simulators.impact.problem import (
 )
 from calib.simulators.impact.scratch import POSITION, SOLVED, SUM, VELOCITY, Scratch
 from calib.simulators.impact.series import expand_contact, motion_within
-from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.law_calls import force
 
 MAX_SWEEPS = 15  # of the fixed point
@@ -63,7 +63,7 @@ NEGLIGIBLE_CHANGE = 1e-15  # change of velocity over the step, as a share of the
 LOADS_HOLD, MISSED_BETWEEN, NOT_CONVERGED = 0, 1, 2  # outcomes of `collocate`
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _set_base(regimes: Regimes, r: int, step: float, w: Scratch) -> None:
     """Write the modal load of the input and of the constants."""
     u, base = w.input, w.base
@@ -80,7 +80,7 @@ def _set_base(regimes: Regimes, r: int, step: float, w: Scratch) -> None:
             w.load[i, k] = base[i, k]
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _set_responses(
     problem: Problem, r: int, state: ImpactState, time: float, step: float, first: int, end: int, w: Scratch
 ) -> None:
@@ -114,7 +114,7 @@ def _set_responses(
             w.free_q[n, j], w.free_dq[n, j] = _clearance(problem, r, w.y, w.v, time + tau, u, du)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def set_given_loads(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> None:
     """Write what the input makes of the loads and of the clearance over a step out of a rigid contact, without laws."""
     for b in range(w.law.shape[0]):
@@ -125,7 +125,7 @@ def set_given_loads(problem: Problem, state: ImpactState, time: float, step: flo
     _set_added(problem, FREE, step, w)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _clear_responses(w: Scratch) -> None:
     """Let the loads make nothing of the motion: in a compliant contact its series hold them already."""
     for i in range(w.y.size):
@@ -135,7 +135,7 @@ def _clear_responses(w: Scratch) -> None:
                 w.response_v[i, j, k] = 0.0
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _set_motion_in_contact(
     problem: Problem, state: ImpactState, time: float, step: float, first: int, end: int, w: Scratch
 ) -> None:
@@ -152,7 +152,7 @@ def _set_motion_in_contact(
             w.free_q[w.q.size, j], w.free_dq[w.q.size, j] = place
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _respond_in_compliance(
     problem: Problem, r: int, state: ImpactState, time: float, step: float, first: int, end: int, w: Scratch
 ) -> None:
@@ -175,11 +175,11 @@ def _follow_in_compliance(problem: Problem, state: ImpactState, time: float, ste
         _set_motion_in_contact(problem, state, time, step, 0, PROBE_INDEX, w)
 
 
-_respond = by_stop(_set_responses, _respond_in_compliance, INLINED)
-_follow = by_stop(_need_not_follow, _follow_in_compliance, INLINED)
+_respond = by_stop(_set_responses, _respond_in_compliance, ENCLOSED_INLINED)
+_follow = by_stop(_need_not_follow, _follow_in_compliance, ENCLOSED_INLINED)
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _sum_at(problem: Problem, b: int, t: float, x: float, v: float, j: int, w: Scratch) -> float:
     """Sum of the force laws at the coordinate `b` (or the port), which moves by x, v; their rates are written."""
     total = 0.0
@@ -196,7 +196,7 @@ def _sum_at(problem: Problem, b: int, t: float, x: float, v: float, j: int, w: S
     return total
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _clearance(
     problem: Problem, r: int, y: np.ndarray, v: np.ndarray, time: float, u: float, du: float
 ) -> tuple[float, float]:
@@ -214,7 +214,7 @@ def _clearance(
     return value, rate
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _move_places(problem: Problem, r: int, j: int, w: Scratch) -> None:
     """Write the motion of the coordinates and of the clearance at point `j`."""
     regimes, n = problem.regimes, w.q.size
@@ -239,7 +239,7 @@ def _move_places(problem: Problem, r: int, j: int, w: Scratch) -> None:
         w.place[POSITION, n, j], w.place[VELOCITY, n, j] = clearance, rate
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scratch) -> None:
     """Write the accelerations by the laws and the rates of their internal states at point `j`."""
     n, t = w.q.size, start + POINTS[j] * step
@@ -252,7 +252,7 @@ def _laws_at(problem: Problem, r: int, start: float, step: float, j: int, w: Scr
             w.law[b, j] += problem.push[b] * opening
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _refit(regimes: Regimes, r: int, w: Scratch) -> tuple[float, float]:
     """Write the load's coefficients from the laws at the nodes; return its largest change and its size."""
     change, size = 0.0, 0.0
@@ -272,7 +272,7 @@ def _refit(regimes: Regimes, r: int, w: Scratch) -> tuple[float, float]:
     return change, size
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _set_added(problem: Problem, r: int, step: float, w: Scratch) -> None:
     """Write what the input and the laws add to the witness over the step (5,)."""
     u, added, regimes = w.input, w.added, problem.regimes
@@ -298,7 +298,7 @@ def _modal_speed(regimes: Regimes, r: int, y: np.ndarray, v: np.ndarray) -> floa
     return math.sqrt(speed)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _repeat_first(w: Scratch) -> None:
     """Let the laws and the rates of their states keep their value at the first node: the first guess."""
     for b in range(w.law.shape[0]):
@@ -312,7 +312,7 @@ def _repeat_first(w: Scratch) -> None:
                     w.dz[i, b, k, j] = w.dz[i, b, k, 0]
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _is_resolved(
     problem: Problem, r: int, state: ImpactState, start: float, step: float, speed: float, steep: bool, w: Scratch
 ) -> bool:
@@ -346,7 +346,7 @@ def _is_resolved(
     return True
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _iterate(
     problem: Problem, r: int, state: ImpactState, time: float, step: float, speed: float, stiff: bool, w: Scratch
 ) -> tuple[bool, bool]:
@@ -397,7 +397,7 @@ def _iterate(
     return False, change <= MAX_ROUNDING_CHANGE * size
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> int:
     """Work out the loads by the force laws over a step; the outcome as of `collocate`."""
     _respond(problem, r, state, time, step, 0, PROBE_INDEX, w)
@@ -422,7 +422,7 @@ def _collocate_force_laws(problem: Problem, r: int, state: ImpactState, time: fl
     return LOADS_HOLD
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def collocate(problem: Problem, r: int, state: ImpactState, time: float, step: float, w: Scratch) -> int:
     """Work out all loads over a step from `time` [s] since the whole period.
 

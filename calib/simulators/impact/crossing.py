@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.compilation import ENCLOSED, INLINED, WITHIN
 from calib.simulators.impact.problem import FREE, Compliance, ImpactState, Problem, Regimes
 from calib.simulators.impact.scratch import BRANCHES, TERMS
 
@@ -68,7 +68,7 @@ def _products(
     return plain, by_exponent
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def expand_about_crossing(
     regimes: Regimes,
     law: Compliance,
@@ -236,7 +236,7 @@ def _expand_derivatives(law: Compliance, loss: float, step: float, lattice: np.n
             lattice[PER_RATE, j, i] = law.stiffness * loss * power[j, i]
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def carry_about_crossing(
     problem: Problem,
     state: ImpactState,

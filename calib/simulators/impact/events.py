@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.compilation import ENCLOSED, ENCLOSED_INLINED
 from calib.simulators.impact.coordinates import to_coordinates, to_modes
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import (
@@ -24,7 +24,7 @@ from calib.simulators.impact.witness import witness
 from calib.simulators.law_calls import restitution
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def coefficient(problem: Problem, speed: float) -> float:
     """Coefficient of restitution at a closing speed [m/s], laws included, within [0, 1]; NaN where a law is."""
     e = problem.restitution
@@ -33,7 +33,7 @@ def coefficient(problem: Problem, speed: float) -> float:
     return min(max(e, 0.0), 1.0)  # in this order NaN is kept, and ends the run
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def sticks(problem: Problem, rate: float, acceleration: float, e: float) -> bool:
     """Whether a rebound with this rate [m/s] ends in contact: it rises less than `height`, and so all that follow.
 
@@ -48,7 +48,7 @@ def sticks(problem: Problem, rate: float, acceleration: float, e: float) -> bool
     return 2.0 * rate < -acceleration * problem.step  # a flight shorter than a step
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def note_impact(
     problem: Problem, state: ImpactState, now: float, speed: float, impacts: np.ndarray, w: Scratch
 ) -> None:
@@ -63,7 +63,7 @@ def note_impact(
     state.counters[IMPACTS] += 1
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def meet_stop(
     problem: Problem,
     state: ImpactState,
@@ -81,7 +81,7 @@ def meet_stop(
     the clearance is zero but for rounding. Impacts are noted in `impacts` as `kernel.advance` says.
     """
     r, now, omega = state.counters[REGIME], time + tau, problem.omega
-    loaded = problem.collocated
+    loaded = problem.loads is not None
     value, rate, _, _ = witness(
         problem.regimes, r, state.y, state.v, omega, now, loaded, w.load, w.added, step, tau, 0.0
     )

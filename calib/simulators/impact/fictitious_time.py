@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.compilation import ENCLOSED, INLINED, WITHIN
 from calib.simulators.impact.convolution import convolutions
 from calib.simulators.impact.problem import FREE, Compliance, ImpactState, Problem, Regimes
 from calib.simulators.impact.scratch import (
@@ -116,7 +116,7 @@ def _compose(contact: np.ndarray, step: float, composed: np.ndarray) -> None:
                 composed[m, k + j + 1] += composed[m - 1, k] * contact[KNOWN, PACE + j] / ((j + 1) * step)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def expand_in_fictitious_time(
     regimes: Regimes,
     law: Compliance,
@@ -312,7 +312,7 @@ def _expand_derivatives_of_force(law: Compliance, loss: float, contact: np.ndarr
         contact[BY_RATE, k] = law.stiffness * loss * power[k] + (law.damping if k == 0 else 0.0)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def carry_in_fictitious_time(
     problem: Problem,
     loss: float,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import WITHIN
+from calib.simulators.compilation import ENCLOSED
 from calib.simulators.impact.polynomial import BETWEEN, FIT, NODES, POINTS, PROBE_INDEX, polynomial
 from calib.simulators.impact.problem import AT_PERIOD, EXCITATION_LAWS, PIECE, ImpactState, Problem
 from calib.simulators.impact.scratch import Scratch
@@ -19,7 +19,7 @@ RATE_OF_ERROR = float(np.prod(NODES[1:]) / abs(np.prod(POINTS[PROBE_INDEX] - NOD
 MIN_INPUT_STEP = 2.0**-20  # of the longest step: shorter ones hold whatever the input does, which may jump  [1]
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def set_input(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> bool:
     """Write the input U over the step (5,): the table's piece, and what the laws of the excitation add at the nodes.
 
@@ -68,5 +68,5 @@ def set_input(problem: Problem, state: ImpactState, time: float, step: float, w:
     if step <= MIN_INPUT_STEP * problem.step or error <= NEGLIGIBLE_INPUT * largest:
         return True
     return error <= MAX_INPUT_ERROR * size and (
-        not problem.loaded_by_rate or RATE_OF_ERROR * error <= MAX_INPUT_RATE_ERROR * slope_size
+        not problem.loads.by_rate or RATE_OF_ERROR * error <= MAX_INPUT_RATE_ERROR * slope_size
     )

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import COMPILED, WITHIN
+from calib.simulators.compilation import COMPILED, ENCLOSED_INLINED, WITHIN
 from calib.simulators.impact.coordinates import modal_row, to_coordinates
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import AT_PERIOD, REGIME, SECTIONS, STEPS, ImpactState, Problem
@@ -15,7 +15,7 @@ DONE, SETTLED, DIVERGED, SPENT, STALLED = 0, 1, 2, 3, 4  # how a run ends
 MAX_SETTLED_PERIOD = 16  # periods of a motion that counts as settled
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED_INLINED)  # once a sample: to hand its arrays over would take longer than its arithmetic
 def write_row(
     problem: Problem,
     r: int,

@@ -35,7 +35,7 @@ def nearest_passes(
     """
     count = 0
     ye, ve = state.y.copy(), state.v.copy()
-    regimes, loaded = problem.regimes, problem.collocated
+    regimes, loaded = problem.regimes, problem.loads is not None
     while state.counters[AT_PERIOD] == 0:
         r, time = state.counters[REGIME], state.clock[0]
         outcome, tau, step = next_step(problem, state, w, ye, ve)

@@ -80,7 +80,19 @@ class Compliance(NamedTuple):
     load: np.ndarray
 
 
+class Loads(NamedTuple):
+    """Loads that enter by polynomials over the step.
+
+    Attributes
+    ----------
+    by_rate : whether the rate of the input loads the structure, or moves its coordinates
+    """
+
+    by_rate: bool
+
+
 RIGID: Compliance = None  # type: ignore[assignment]  # kernels that need a compliance are compiled for one only
+UNLOADED: Loads = None  # type: ignore[assignment]  # as above
 
 
 class Problem(NamedTuple):
@@ -98,8 +110,6 @@ class Problem(NamedTuple):
     exact : whether events are located; else an impact is taken at the end of the step that shows it
     onto_surface : whether an impact that was not located also puts the body back on the surface
     step : longest step  [s]; infinite where closed forms reach as far as they like
-    collocated : whether loads enter by polynomials over the step
-    loaded_by_rate : whether the rate of the input loads the structure, or moves its coordinates
     resolution : to which event times are located  [s]
     lift : flight after a release over which no event is searched for  [s]
     extent : largest displacement that the gap, the drive, the loads and the scale of the motion let expect  [m]
@@ -113,7 +123,9 @@ class Problem(NamedTuple):
     acts : (m, n + 1) whether a force law acts on a coordinate, and last, at the port: there it sees the clearance,
         out of contact, and nothing in contact
     push : (n,) acceleration of the coordinates per unit of a law at the port
-    compliance : of the stop, None where it is rigid; kernels are compiled for the one and for the other
+    loads : that enter by polynomials over the step, None where there are none
+    compliance : of the stop, None where it is rigid; kernels are compiled for the one and for the other, and so they
+        are with loads and without
     """
 
     regimes: Regimes
@@ -128,8 +140,6 @@ class Problem(NamedTuple):
     exact: bool
     onto_surface: bool
     step: float
-    collocated: bool
-    loaded_by_rate: bool
     resolution: float
     lift: float
     extent: float
@@ -145,6 +155,7 @@ class Problem(NamedTuple):
     counts: np.ndarray
     acts: np.ndarray
     push: np.ndarray
+    loads: Loads = UNLOADED
     compliance: Compliance = RIGID
 
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import INLINED, WITHIN
+from calib.simulators.compilation import ENCLOSED, INLINED, WITHIN
 from calib.simulators.impact.convolution import square_term
 from calib.simulators.impact.crossing import carry_about_crossing, expand_about_crossing, motion_about_crossing
 from calib.simulators.impact.fictitious_time import (
@@ -80,7 +80,7 @@ def time_of_small_force(law: Compliance, speed: float, acceleration: float) -> f
     return time
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def expand(
     regimes: Regimes,
     law: Compliance,
@@ -178,7 +178,7 @@ def expand(
     return 0.0 if small == 2 else max(tail, before)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def expand_contact(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> tuple[float, float]:
     """Write the series over a step in contact, of `crossing`, of `fictitious_time` or of `expand`.
 
@@ -187,7 +187,7 @@ def expand_contact(problem: Problem, state: ImpactState, time: float, step: floa
     tail : of `expand`; that of `crossing` is 0, NaN where it is not finite
     ratio : of the length over which the series hold to the step, in the variable of the series
     """
-    regimes, law, omega, loaded = problem.regimes, problem.compliance, problem.omega, problem.collocated
+    regimes, law, omega, loaded = problem.regimes, problem.compliance, problem.omega, problem.loads is not None
     loss = loss_at(law, state.clock[CLOSING])
     if w.contact[KNOWN, SERIES] == LATTICE:
         ratio = expand_about_crossing(
@@ -215,7 +215,7 @@ def rescale(contact: np.ndarray, ratio: float, modes: int) -> None:
         factor *= ratio
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _small_force(
     law: Compliance, state: ImpactState, tau: float, depth_at: float, power: float, contact: np.ndarray
 ) -> float:
@@ -227,7 +227,7 @@ def _small_force(
     return law.stiffness * lossy * (end**power - begin**power) / (power * (end - begin)) * tau
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def motion_within(
     law: Compliance,
     state: ImpactState,
@@ -343,7 +343,7 @@ def end_of_parting(
     return math.inf, jumps
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _expand_slopes(problem: Problem, loss: float, w: Scratch) -> None:
     """Write the series of the force's derivatives by the penetration, by its rate and by the loss factor."""
     law = problem.compliance
@@ -359,7 +359,7 @@ def _expand_slopes(problem: Problem, loss: float, w: Scratch) -> None:
         by_rate[k] = stiffness * loss * depth[k] + (law.damping if k == 0 else 0.0)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def carry_differences(
     problem: Problem,
     state: ImpactState,

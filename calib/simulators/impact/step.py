@@ -9,10 +9,12 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import INLINED, WITHIN
-from calib.simulators.impact.collocation import LOADS_HOLD, MISSED_BETWEEN, NOT_CONVERGED, collocate
+from calib.simulators.compilation import ENCLOSED, ENCLOSED_INLINED
+from calib.simulators.impact.collocation import LOADS_HOLD, MISSED_BETWEEN, NOT_CONVERGED
 from calib.simulators.impact.events import meet_stop
 from calib.simulators.impact.flow import flow
+from calib.simulators.impact.kinds import by_stop
+from calib.simulators.impact.loads import set_loads
 from calib.simulators.impact.problem import (
     AT_PERIOD,
     COMPRESSION,
@@ -30,7 +32,6 @@ from calib.simulators.impact.problem import (
 )
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import motion_within
-from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.impact.surface import meet_surface, next_step_in_contact
 from calib.simulators.impact.witness import EVENT, NO_EVENT, first_zero, witness
 
@@ -40,14 +41,14 @@ UNCONVERGED = 3  # outcome of a step, beside those of `first_zero`
 MAX_RETAKES = 6  # times a step is taken anew up to the event in it
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _step_length(problem: Problem, state: ImpactState) -> float:
     """Length of the next step [s]; where events are located it ends with the period, the grid, the table's piece."""
     if not problem.exact:
         return problem.step
     time, period = state.clock[0], problem.period
     reach = period - time
-    if problem.collocated:
+    if problem.loads is not None:
         grid = period / math.ceil(period / problem.step - 1e-9)
         reach = min(reach, (math.floor(time / grid + 1e-9) + 1.0) * grid - time)
     pieces = problem.table.shape[0]
@@ -59,7 +60,7 @@ def _step_length(problem: Problem, state: ImpactState) -> float:
     return reach
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def next_step_out_of_compliance(
     problem: Problem, state: ImpactState, w: Scratch, ye: np.ndarray, ve: np.ndarray
 ) -> tuple[int, float, float]:
@@ -75,7 +76,7 @@ def next_step_out_of_compliance(
     tau : when the step ends  [s]
     step : length over which the loads' polynomials hold  [s]
     """
-    r, time = state.counters[REGIME], state.clock[0]
+    r, time, loaded = state.counters[REGIME], state.clock[0], problem.loads is not None
     step = _step_length(problem, state)
     laws_act = problem.exact and (problem.counts[FORCE_LAWS] > 0 or problem.counts[EXCITATION_LAWS] > 0)
     # 0.99: no sliver is left of the step, which rounding might make nothing of
@@ -85,24 +86,22 @@ def next_step_out_of_compliance(
     halved, retakes, unresolved = False, 0, False
     while True:
         state.counters[STEPS] += 1
-        if problem.collocated:
-            loads = collocate(problem, r, state, time, step, w)
-            if loads == NOT_CONVERGED and problem.exact and step <= MIN_CONVERGED_FRACTION * problem.step:
-                return UNCONVERGED, 0.0, step
-            shortest = MIN_STEP_FRACTION if loads == MISSED_BETWEEN else 0.0
-            if loads != LOADS_HOLD and problem.exact and step > shortest * problem.step:
-                halved, unresolved = True, unresolved or retakes > 0
-                retakes = 0
-                step *= 0.5
-                continue
+        loads = set_loads(problem, r, state, time, step, w)
+        if loads == NOT_CONVERGED and problem.exact and step <= MIN_CONVERGED_FRACTION * problem.step:
+            return UNCONVERGED, 0.0, step
+        shortest = MIN_STEP_FRACTION if loads == MISSED_BETWEEN else 0.0
+        if loads != LOADS_HOLD and problem.exact and step > shortest * problem.step:
+            halved, unresolved = True, unresolved or retakes > 0
+            retakes = 0
+            step *= 0.5
+            continue
         if laws_act and retakes == 0:
             w.resolved_step[0] = step if halved else max(w.resolved_step[0], step)
         if retakes > 0:
-            flow(problem.regimes, r, state.y, state.v, problem.collocated, w.load, step, step, ye, ve)
+            flow(problem.regimes, r, state.y, state.v, loaded, w.load, step, step, ye, ve)
             value, first, _, _ = witness(
-                problem.regimes, r, ye, ve, problem.omega, time + step, problem.collocated, w.load, w.added, step,
-                step, 0.0,
-            )  # fmt: skip
+                problem.regimes, r, ye, ve, problem.omega, time + step, loaded, w.load, w.added, step, step, 0.0
+            )
             move = -value / first if first < 0.0 else 0.0
             if abs(move) <= problem.resolution or retakes == MAX_RETAKES or step + move <= 0.0:
                 return EVENT, step, step
@@ -112,8 +111,8 @@ def next_step_out_of_compliance(
         if not search:
             return NO_EVENT, step, step
         outcome, tau, jumps = first_zero(
-            problem.regimes, r, state.counters[TOUCH], state.y, state.v, problem.omega, time, problem.collocated,
-            w.load, w.added, step, step, problem.resolution, problem.lift, ye, ve,
+            problem.regimes, r, state.counters[TOUCH], state.y, state.v, problem.omega, time, loaded, w.load, w.added,
+            step, step, problem.resolution, problem.lift, ye, ve,
         )  # fmt: skip
         state.counters[STEPS] += jumps
         if outcome != EVENT or problem.counts[FORCE_LAWS] == 0 or unresolved or tau <= 0.0:
@@ -122,7 +121,7 @@ def next_step_out_of_compliance(
         step = tau
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _next_step_with_compliance(
     problem: Problem, state: ImpactState, w: Scratch, ye: np.ndarray, ve: np.ndarray
 ) -> tuple[int, float, float]:
@@ -135,7 +134,7 @@ def _flow_with_rigid_stop(
     problem: Problem, state: ImpactState, step: float, tau: float, w: Scratch, y_end: np.ndarray, v_end: np.ndarray
 ) -> None:
     """Write the modal motion at `tau` into the step that `next_step` has worked out into y_end, v_end (n,)."""
-    r, loaded = state.counters[REGIME], problem.collocated
+    r, loaded = state.counters[REGIME], problem.loads is not None
     flow(problem.regimes, r, state.y, state.v, loaded, w.load, step, tau, y_end, v_end)
 
 
@@ -145,7 +144,7 @@ def _flow_with_compliance(
     if state.counters[REGIME] >= COMPRESSION:
         motion_within(problem.compliance, state, w, step, tau, y_end, v_end)
     else:
-        flow(problem.regimes, FREE, state.y, state.v, problem.collocated, w.load, step, tau, y_end, v_end)
+        flow(problem.regimes, FREE, state.y, state.v, problem.loads is not None, w.load, step, tau, y_end, v_end)
 
 
 def _meet_rigid_stop(
@@ -177,12 +176,12 @@ def _meet_compliant_stop(
         meet_surface(problem, state, time, tau, step, impacts, w)
 
 
-next_step = by_stop(next_step_out_of_compliance, _next_step_with_compliance, WITHIN)
-flow_within = by_stop(_flow_with_rigid_stop, _flow_with_compliance, INLINED)
-_meet = by_stop(_meet_rigid_stop, _meet_compliant_stop, INLINED)
+next_step = by_stop(next_step_out_of_compliance, _next_step_with_compliance, ENCLOSED)
+flow_within = by_stop(_flow_with_rigid_stop, _flow_with_compliance, ENCLOSED_INLINED)
+_meet = by_stop(_meet_rigid_stop, _meet_compliant_stop, ENCLOSED_INLINED)
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def complete_step(
     problem: Problem,
     state: ImpactState,

@@ -11,12 +11,13 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import INLINED, WITHIN
-from calib.simulators.impact.collocation import LOADS_HOLD, collocate, set_given_loads
+from calib.simulators.compilation import ENCLOSED, ENCLOSED_INLINED, INLINED
+from calib.simulators.impact.collocation import LOADS_HOLD
 from calib.simulators.impact.coordinates import to_coordinates
 from calib.simulators.impact.crossing import has_series_at_ends, rescale_about_crossing, time_about_crossing
 from calib.simulators.impact.events import note_impact
 from calib.simulators.impact.fictitious_time import expand_force, fictitious, set_pace, shorten, time_at
+from calib.simulators.impact.loads import set_loads, set_loads_without_laws
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import (
     CLOSING,
@@ -76,21 +77,21 @@ MIN_RESOLUTION, MAX_RESOLUTION = 1e-15, 1e-12  # of events, as a share of the st
 MAX_CONTACT_RETAKES = 4  # times a step is taken anew up to the event in it, where force laws act
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _longer(w: Scratch, factor: float) -> float:
     """Length of the step over which the series held last, times a factor; infinite before the first  [s]."""
     held = w.contact[KNOWN, HELD]
     return factor * held if held > 0.0 else math.inf
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _penetration(problem: Problem, state: ImpactState, time: float, step: float, w: Scratch) -> tuple[float, float]:
     """Penetration [m], zero at least, and its rate [m/s] at the start of a step; what the input adds is written."""
     regimes, omega = problem.regimes, problem.omega
     c, s = math.cos(omega * time), math.sin(omega * time)
     wc, ws = regimes.witness[FREE, 0], regimes.witness[FREE, 1]
     clearance, rate = wc * c + ws * s + regimes.witness[FREE, 2], omega * (ws * c - wc * s)
-    if problem.collocated:
+    if problem.loads is not None:
         clearance += w.added[0]
         rate += w.added[1] / step
     for i in range(state.y.size):
@@ -129,22 +130,21 @@ def _set_pace_within(law: Compliance, loss: float, depth: float, rate: float, ag
     return set_pace(contact, pace * x * (1.0 - x), pace * way * (1.0 - 2.0 * x), -pace * way * way)
 
 
-@njit(**INLINED)
+@njit(**ENCLOSED_INLINED)
 def _step_within_power(problem: Problem, state: ImpactState, time: float, reach: float, w: Scratch) -> float:
     """Length of the next step [s] under a force with n > 1; it is written which series serve."""
-    law, contact = problem.compliance, w.contact
+    law, contact, loaded = problem.compliance, w.contact, problem.loads is not None
     longest = min(reach, law.step)
-    if problem.collocated:
+    if loaded:
         longest = min(longest, _longer(w, 1.5))
-        set_given_loads(problem, state, time, longest, w)
+    set_loads_without_laws(problem, state, time, longest, w)
     depth, rate = _penetration(problem, state, time, longest, w)
     small, hit = contact[KNOWN, SMALL], state.counters[TOUCH] == HIT
     loss, step = loss_at(law, state.clock[CLOSING]), math.inf
     if hit or small == 0.0:
         _, _, second, _ = witness(
-            problem.regimes, FREE, state.y, state.v, problem.omega, time, problem.collocated, w.load, w.added, longest,
-            0.0, 0.0,
-        )  # fmt: skip
+            problem.regimes, FREE, state.y, state.v, problem.omega, time, loaded, w.load, w.added, longest, 0.0, 0.0
+        )
         small = time_of_small_force(law, abs(rate), abs(second) if rate >= 0.0 else 0.0)
         contact[KNOWN, SMALL] = small
         contact[KNOWN, BEGAN] = time if hit else math.nan
@@ -181,7 +181,7 @@ def _stays_positive(step: float, contact: np.ndarray) -> bool:
     return end > 0.0
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _first_event(
     law: Compliance, state: ImpactState, step: float, resolution: float, lift: float, contact: np.ndarray
 ) -> float:
@@ -221,7 +221,7 @@ def _first_event(
     return min(by_separation, by_force)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: Scratch) -> tuple[int, float, float]:
     """Work out the motion over the next step in contact, at most `reach` [s] long, and find where it ends.
 
@@ -229,7 +229,7 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     -------
     outcome, tau, step : as of `step.next_step`
     """
-    law, time = problem.compliance, state.clock[0]
+    law, time, loaded = problem.compliance, state.clock[0], problem.loads is not None
     pressed = state.counters[REGIME] == COMPRESSION
     w.contact[KNOWN, STIFF], w.contact[KNOWN, SERIES] = pressed or law.exponent == 1.0, TIME
     step = min(reach, law.step if pressed else law.free_step)
@@ -241,7 +241,7 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     about, regularised = w.contact[KNOWN, SERIES] == LATTICE, w.contact[KNOWN, SERIES] == FICTITIOUS
     while shortenings <= MAX_SHORTENINGS:
         state.counters[STEPS] += 1
-        holds = not problem.collocated or collocate(problem, state.counters[REGIME], state, time, step, w) == LOADS_HOLD
+        holds = set_loads(problem, state.counters[REGIME], state, time, step, w) == LOADS_HOLD
         tail, ratio = expand_contact(problem, state, time, step, w)
         if not math.isfinite(tail):  # over so long a step the series grow beyond bounds, or the loads made of them
             shortenings += 1
@@ -250,7 +250,7 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
         if ratio < 1.0 or not holds:
             shortenings += 1
             ratio = ratio if ratio < 1.0 else 0.5
-            anew = problem.collocated or (tail > MAX_TAIL and not regularised) or (about and ratio < 0.5)
+            anew = loaded or (tail > MAX_TAIL and not regularised) or (about and ratio < 0.5)
             step = shorten(w.contact, ratio, n, not anew) if regularised else ratio * step
             if anew:
                 continue
@@ -266,8 +266,8 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
             return FAILED, 0.0, step
         if regularised and at <= 1.0 and w.contact[KNOWN, END] == SEPARATION:
             shortenings += 1
-            step = shorten(w.contact, SHARE_BEFORE_END * at, n, not problem.collocated)
-            if problem.collocated:
+            step = shorten(w.contact, SHARE_BEFORE_END * at, n, not loaded)
+            if loaded:
                 continue
             at = math.inf
         if pressed and shortenings > 0:
@@ -288,14 +288,14 @@ def next_step_in_contact(problem: Problem, state: ImpactState, reach: float, w: 
     return FAILED, 0.0, step
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def meet_surface(
     problem: Problem, state: ImpactState, time: float, tau: float, step: float, impacts: np.ndarray, w: Scratch
 ) -> None:
     """Take the event at `tau` into the step that began at `time`; the state is the one there, and goes on."""
-    r, now = state.counters[REGIME], time + tau
+    r, now, loaded = state.counters[REGIME], time + tau, problem.loads is not None
     value, rate, _, _ = witness(
-        problem.regimes, FREE, state.y, state.v, problem.omega, now, problem.collocated, w.load, w.added, step, tau, 0.0
+        problem.regimes, FREE, state.y, state.v, problem.omega, now, loaded, w.load, w.added, step, tau, 0.0
     )
     if r == FREE:
         u, du = polynomial(w.input, tau / step), slope(w.input, tau / step) / step

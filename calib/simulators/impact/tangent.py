@@ -14,11 +14,12 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.simulators.compilation import COMPILED, INLINED, WITHIN
+from calib.simulators.compilation import COMPILED, ENCLOSED, ENCLOSED_INLINED, WITHIN
 from calib.simulators.impact.coordinates import modal_row
 from calib.simulators.impact.events import coefficient
 from calib.simulators.impact.flow import impulse_response
 from calib.simulators.impact.kernel import DIVERGED, DONE, SPENT, within, write_row
+from calib.simulators.impact.kinds import by_stop
 from calib.simulators.impact.polynomial import polynomial, slope
 from calib.simulators.impact.problem import (
     CLOSING,
@@ -35,7 +36,6 @@ from calib.simulators.impact.problem import (
 from calib.simulators.impact.scratch import Scratch
 from calib.simulators.impact.series import carry_differences
 from calib.simulators.impact.step import complete_step, next_step
-from calib.simulators.impact.stop_kinds import by_stop
 from calib.simulators.impact.witness import EVENT, FAILED, witness
 
 MAX_ROUNDING_SHARE = 1e-13  # of the largest difference: what rounding leaves of one that a contact reduces to zero
@@ -73,7 +73,7 @@ def _change_regime(regimes: Regimes, r: int, to: int, dy: np.ndarray, dv: np.nda
                 dv[i, k] += turn[i, j] * old_v[j, k]
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _accelerations(
     problem: Problem,
     r: int,
@@ -98,7 +98,7 @@ def _accelerations(
             out[j] += both.shape[r, j, i] * a
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _delays(problem: Problem, r: int, first: float, dy: np.ndarray, dv: np.ndarray, delay: np.ndarray) -> None:
     """Write by how much later [s] each difference meets the end of regime `r`, whose witness falls at `first`."""
     both = problem.regimes
@@ -109,7 +109,7 @@ def _delays(problem: Problem, r: int, first: float, dy: np.ndarray, dv: np.ndarr
         delay[k] = -change / first
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _rebound(
     problem: Problem,
     v_before: np.ndarray,
@@ -200,10 +200,8 @@ def _cross_rigid_stop(
 
     Before the event the modal motion is y, v (n,) in regime `r`; after it, that of the state.
     """
-    n, now = state.y.size, time + tau
-    _, first, second, _ = witness(
-        problem.regimes, r, y, v, problem.omega, now, problem.collocated, w.load, w.added, step, tau, 0.0
-    )
+    n, now, loaded = state.y.size, time + tau, problem.loads is not None
+    _, first, second, _ = witness(problem.regimes, r, y, v, problem.omega, now, loaded, w.load, w.added, step, tau, 0.0)
     delay = np.zeros(dy.shape[1])
     # a contact that ends as it begins does so at the same instant for all neighbours: it was the impact's instant
     if tau > 0.0 or r == FREE:
@@ -213,7 +211,7 @@ def _cross_rigid_stop(
         _rebound(problem, v, state.v, first, second, dy, dv, delay)
         return
     u, du, ddu = 0.0, 0.0, 0.0
-    if problem.collocated:
+    if loaded:
         x = tau / step
         u, du = polynomial(w.input, x), slope(w.input, x) / step
         ddu = (2.0 * w.input[2] + x * (6.0 * w.input[3] + x * 12.0 * w.input[4])) / (step * step)
@@ -226,7 +224,7 @@ def _cross_rigid_stop(
         _release(problem, before, after, dy, dv, delay)
 
 
-@njit(**WITHIN)
+@njit(**ENCLOSED)
 def _loss_slope(problem: Problem, speed: float) -> float:
     """Derivative of the loss factor of a compliant contact by its closing speed  [s^2/m^2]."""
     law = problem.compliance
@@ -254,10 +252,10 @@ def _cross_surface(
     """
     if r != FREE:
         return
+    loaded, law, delay = problem.loads is not None, problem.compliance, np.zeros(dspeed.size)
     _, first, second, _ = witness(
-        problem.regimes, FREE, y, v, problem.omega, time + tau, problem.collocated, w.load, w.added, step, tau, 0.0
+        problem.regimes, FREE, y, v, problem.omega, time + tau, loaded, w.load, w.added, step, tau, 0.0
     )
-    law, delay = problem.compliance, np.zeros(dspeed.size)
     if first < 0.0:
         _delays(problem, FREE, first, dy, dv, delay)
     for k in range(delay.size):
@@ -300,7 +298,7 @@ def _carry_step_with_compliance(
         _flow_differences(problem.regimes, FREE, tau, dy, dv)
 
 
-_carry_step = by_stop(_carry_step_with_rigid_stop, _carry_step_with_compliance, INLINED)
+_carry_step = by_stop(_carry_step_with_rigid_stop, _carry_step_with_compliance, ENCLOSED_INLINED)
 _cross = by_stop(_cross_rigid_stop, _cross_surface, COMPILED)
 
 

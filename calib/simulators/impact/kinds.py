@@ -1,6 +1,7 @@
-"""Kernel functions of which a rigid stop has one and a compliant stop another.
+"""Kernel functions of which problems of one kind have one, and those of another kind another.
 
-A kernel is compiled for each kind of stop, so that a rigid one does not pay for what only the other needs.
+A kernel is compiled for each kind of problem, so that none pays for what only another needs: a rigid stop not for a
+compliant one, nor in the time that its compilation takes a motion without loads for those of laws and tables.
 """
 
 import inspect
@@ -19,17 +20,26 @@ def by_stop(rigid: Callable, compliant: Callable, options: dict[str, Any]) -> Ca
 
     options : of numba, with which the one that serves is compiled
     """
-    plain = [getattr(function, "py_func", function) for function in (rigid, compliant)]
+    return _by_field("compliance", rigid, compliant, options)
+
+
+def by_loads(unloaded: Callable, loaded: Callable, options: dict[str, Any]) -> Callable:
+    """Make one kernel function of two, as `by_stop` does: without loads over the step, and with them."""
+    return _by_field("loads", unloaded, loaded, options)
+
+
+def _by_field(name: str, absent: Callable, present: Callable, options: dict[str, Any]) -> Callable:
+    """Make one kernel function of two: where this field of the problem is None, and where it is not."""
+    plain = [getattr(function, "py_func", function) for function in (absent, present)]
 
     def either(problem: Problem, *rest: Any) -> Any:
-        return plain[problem.compliance is not None](problem, *rest)
+        return plain[getattr(problem, name) is not None](problem, *rest)
 
     if UNCOMPILED:
         return either
 
     def choose(problem: types.NamedTuple, *rest: types.Type) -> Callable:
-        compliance = problem.types[problem.fields.index("compliance")]
-        return plain[compliance is not types.none]
+        return plain[problem.types[problem.fields.index(name)] is not types.none]
 
     signature = inspect.signature(plain[0])  # numba compares those of the two with that of the function that serves
     either.__signature__ = signature  # type: ignore[attr-defined]
