@@ -61,6 +61,7 @@ class Run:
         they are not aligned; of a frequency response those along the motions, displacements and velocities
     times : (n,) instants of the samples instead of the request's [s]; None for these
     sweeps : beside which the curves of a frequency response are sought first
+    to_first_order : whether curves beside `sweeps` are wanted to first order in what differs from these
     stepped : sweeps that are made instead of the record's, and with which the simulation is compared
     """
 
@@ -73,6 +74,7 @@ class Run:
     rows: tuple[tuple[str, str], ...] = ()
     times: np.ndarray | None = None
     sweeps: KnownSweeps = field(default_factory=dict)
+    to_first_order: bool = False
     stepped: xr.Dataset | None = None
 
 
@@ -225,8 +227,8 @@ class Bench:
             released = self.objective.released(run.record, model, values, request)
             return released.record, released.slopes, {}
         if run.excitation is None and reference.is_swept:
-            record, sweeps = swept_curves(model, values, excitation, reference.record, run.sweeps)
-            return record, {}, sweeps
+            record, sweeps = swept_curves(model, values, excitation, reference.record, run.sweeps, run.to_first_order)
+            return record, {}, {} if run.to_first_order else sweeps
         return model.run(values, excitation, request), {}, {}
 
     def _request(self, run: Run, excitation: Excitation) -> Request:

@@ -135,16 +135,26 @@ class Point:
         values: Mapping[str, float] | None = None,
         effects: Sequence[Effect] = (),
         starts: Mapping[str, Start | None] | None = None,
+        to_first_order: bool = False,
     ) -> list[Run]:
         """Runs of the records at other values, from the states of this point.
 
         starts : by record, initial states in the place of those of this point, where these are nuisances; of None they
             are solved for
+        to_first_order : whether the differences from this point are wanted to first order
         """
         changed, effects = {**self.values, **(values or {})}, (*self.effects, *effects)
         views = [(name, self.simulated[name]) for name in names]
         return [
-            Run(name, changed, effects, view.state, start=(starts or {}).get(name, view.start), sweeps=view.sweeps)
+            Run(
+                name,
+                changed,
+                effects,
+                view.state,
+                start=(starts or {}).get(name, view.start),
+                sweeps=view.sweeps,
+                to_first_order=to_first_order,
+            )  # fmt: skip
             for name, view in views
         ]
 
@@ -329,4 +339,4 @@ def _compared(
 def _runs(point: Point, names: Sequence[str], direction: Direction, step: float) -> list[Run]:
     """Simulations of the records one step along a direction."""
     values = {**(direction.values or {}), direction.name: direction.at + step}
-    return point.runs(names, values, direction.effects)
+    return point.runs(names, values, direction.effects, to_first_order=True)

@@ -7,6 +7,7 @@ What a series of H harmonics misses is of the order of the first harmonic left o
 """
 
 import math
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -134,13 +135,25 @@ class HarmonicBalance:
 
     def forces_of_all(self, y: np.ndarray, omega: np.ndarray, amplitude: np.ndarray) -> list[Forces]:
         """Forces along each of k motions: coefficients (k, n, 2 H + 1), angular frequencies and amplitudes (k,)."""
-        position, rate = self.motion(y, omega, amplitude)[1:]
-        times = (self.phase - self.system.phase) / omega[:, None]
+        motions = self._motions(y, omega, amplitude)
         if self.system.marched:
-            return [self.system.forces(*own) for own in zip(position, rate, times, strict=True)]
-        joined = (np.concatenate(part, axis=-1) for part in (position, rate, times))
-        parts = self.system.forces(*joined)[:3]
+            return [self.system.forces(*own) for own in zip(*motions, strict=True)]
+        parts = self.system.forces(*_joined(motions))[:3]
         return [Forces(*own) for own in zip(*(np.split(part, len(y), axis=-1) for part in parts), strict=True)]
+
+    def loads_of_all(self, y: np.ndarray, omega: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+        """Values (k, p, m) of the forces along each of k motions, as `forces_of_all`."""
+        motions = self._motions(y, omega, amplitude)
+        if self.system.marched:
+            return np.stack([self.system.loads(*own) for own in zip(*motions, strict=True)])
+        return np.stack(np.split(self.system.loads(*_joined(motions)), len(y), axis=-1))
+
+    def _motions(
+        self, y: np.ndarray, omega: np.ndarray, amplitude: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions and rates (k, p, m) at the places, and times (k, m), of k motions."""
+        _, position, rate = self.motion(y, omega, amplitude)
+        return position, rate, (self.phase - self.system.phase) / omega[:, None]
 
     def inner_states(self, y: np.ndarray, omega: float, amplitude: float) -> np.ndarray:
         """Internal states (q,) of the forces at the section, linear between the instants; none where there are none."""
@@ -352,6 +365,11 @@ class HarmonicBalance:
         ahead, behind = added(amplitude + step, self.phase), added(amplitude - step, self.phase)
         drive += self._analysis @ added(amplitude, self.phase)
         return drive, slope + self._analysis @ (ahead - behind) / (2.0 * step)
+
+
+def _joined(motions: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    """Positions and rates (p, k m) and times (k m,) of k motions, one after the other."""
+    return (np.concatenate(part, axis=-1) for part in motions)
 
 
 def _exponential(matrices: np.ndarray) -> np.ndarray:

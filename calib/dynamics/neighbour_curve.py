@@ -28,32 +28,71 @@ def neighbour_curve(curve: SeriesCurve, known: np.ndarray) -> tuple[np.ndarray, 
     curve : of changed parameters
     known : (m, d), m >= 2, points of a curve, in the scaled coordinates of `curve`
     """
-    if len(known) * known.shape[1] ** 2 > MAX_MATRIX_ENTRIES:
+    if _is_too_large(known):
         return None
-    z, normals, matrices, largest = known, _normals(known), np.zeros(0), np.inf
+    z, normals, matrices = known.copy(), _normals(known), np.full((*known.shape, known.shape[1]), np.nan)
+    residuals, largest = curve.residuals(z), np.inf
+    size, left = np.linalg.norm(residuals, axis=1), np.arange(len(z))  # points that are not found yet
+    slow = left
     for _ in range(MAX_CURVE_CORRECTIONS):
-        forces, matrices = _linearised(curve, z, normals) if not matrices.size else (_forces(curve, z), matrices)
-        residuals = curve.residuals(z, forces)
-        before, largest = largest, float(np.linalg.norm(residuals, axis=1).max())
+        before, largest = largest, float(size.max())
         if largest <= RESIDUAL_TOLERANCE or MAX_ROUNDING_REDUCTION * before < largest <= ROUNDING_RESIDUAL:
-            return (z, forces) if _is_beside(z, known) else None
-        if not largest < before or not np.isfinite(matrices).all():  # true for NaN
+            return (z, _forces(curve, z)) if _is_beside(z, known) else None
+        if not largest < before:  # true for NaN
             return None
-        if MAX_CHORD_REDUCTION * before < largest:
-            matrices = _linearised(curve, z, normals)[1]
-        across = np.append(residuals, np.zeros((len(z), 1)), axis=1)
-        try:
-            z = z - np.linalg.solve(matrices, across[:, :, None])[:, :, 0]
-        except np.linalg.LinAlgError:
+        matrices[slow] = _linearised(curve, z[slow], normals[slow])
+        ahead = _corrected(z[left], matrices[left], residuals[left])
+        if ahead is None:
             return None
+        z[left], behind = ahead, size[left]
+        residuals[left] = curve.residuals(ahead)
+        size[left] = np.linalg.norm(residuals[left], axis=1)
+        slow = left[size[left] > MAX_CHORD_REDUCTION * behind]
+        left = np.flatnonzero(size > RESIDUAL_TOLERANCE)
+        slow = np.intersect1d(slow, left)
     return None
 
 
+def first_order_curve(curve: SeriesCurve, known: np.ndarray) -> np.ndarray | None:
+    """Points (m, d) of a curve beside a known one to first order in the change of parameters; None as above.
+
+    By one step of Newton's method: whoever differences curves for a derivative needs no more.
+    """
+    if _is_too_large(known):
+        return None
+    z = _corrected(known, _linearised(curve, known, _normals(known)), curve.residuals(known))
+    return z if z is not None and _is_beside(z, known) else None
+
+
+def _is_too_large(known: np.ndarray) -> bool:
+    """Whether the derivatives at all points (m, d) would take too much memory."""
+    return len(known) * known.shape[1] ** 2 > MAX_MATRIX_ENTRIES
+
+
+def _corrected(z: np.ndarray, matrices: np.ndarray, residuals: np.ndarray) -> np.ndarray | None:
+    """Points (m, d) after a step of Newton's method in their planes; None where that is not determined."""
+    if not np.isfinite(matrices).all():
+        return None
+    across = np.append(residuals, np.zeros((len(z), 1)), axis=1)
+    try:
+        return np.asarray(z - np.linalg.solve(matrices, across[:, :, None])[:, :, 0])
+    except np.linalg.LinAlgError:
+        return None
+
+
 def _normals(known: np.ndarray) -> np.ndarray:
-    """Unit normals (m, d) of planes across a curve; at its ends they hold the parameter."""
+    """Unit normals (m, d) of planes across a curve; at its ends they hold the parameter, and turn in between.
+
+    Planes across the curve up to its ends would crowd the points there, or draw them apart.
+    """
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(known, axis=0), axis=1)))
     normals = np.zeros_like(known)
     normals[1:-1] = known[2:] - known[:-2]
-    normals[[0, -1], -1] = 1.0
+    normals[[0, -1], -1] = np.sign(known[-1, -1] - known[0, -1])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    towards_end = np.abs(2.0 * along / along[-1] - 1.0)
+    normals *= 1.0 - towards_end[:, None]
+    normals[:, -1] += towards_end * np.sign(known[-1, -1] - known[0, -1])
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
@@ -61,14 +100,13 @@ def _forces(curve: SeriesCurve, z: np.ndarray) -> list[Forces]:
     return curve.balance.forces_of_all(*curve.unpacked_all(z))
 
 
-def _linearised(curve: SeriesCurve, z: np.ndarray, normals: np.ndarray) -> tuple[list[Forces], np.ndarray]:
-    """Forces along the motions at points (m, d), and the derivatives (m, d, d) of the equations and planes there."""
-    forces, matrices = list[Forces](), np.empty((*z.shape, z.shape[1]))
+def _linearised(curve: SeriesCurve, z: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Derivatives (m, d, d) of the equations and planes at points (m, d)."""
+    matrices = np.empty((*z.shape, z.shape[1]))
     matrices[:, -1] = normals
     for point, matrix in zip(z, matrices, strict=True):
-        forces.append(curve.balance.forces(*curve.unpacked(point)))  # which the derivative asks for, too
         matrix[:-1] = curve.derivative(point)
-    return forces, matrices
+    return matrices
 
 
 def _is_beside(z: np.ndarray, known: np.ndarray) -> bool:

@@ -18,7 +18,7 @@ from calib.dynamics.orbits import newton
 from calib.dynamics.response import AMPLITUDE, FREQUENCY
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.modelling.modal_system import Forces, ModalMap, ModalSystem
+from calib.modelling.modal_system import ModalMap, ModalSystem
 
 MAX_FIRST_STEPS = 30  # of Newton's method from the linear motion, or from the motion at a frequency beside it
 SIZE_FREQUENCIES = 200  # of the linear motion whose largest is the first idea of the size
@@ -92,6 +92,11 @@ class SeriesCurve:
         """Point z (d,) of coefficients at a frequency [Hz]."""
         return np.append(y.ravel() / self.scale, (frequency - self.low) / (self.high - self.low))
 
+    def packed_all(self, y: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        """Points (m, d) of coefficients (m, n, 2 H + 1) at frequencies (m,) [Hz]."""
+        share = (frequency - self.low) / (self.high - self.low)
+        return np.column_stack([y.reshape(len(y), -1) / self.scale, share])
+
     @cached_property
     def _units(self) -> np.ndarray:
         """Size (n (2 H + 1),) of the terms of each equation."""
@@ -101,10 +106,11 @@ class SeriesCurve:
         """What is left of the balance (d - 1,), in units of its terms."""
         return self.balance.residual(*self.unpacked(z)).ravel() / self._units
 
-    def residuals(self, z: np.ndarray, forces: Sequence[Forces]) -> np.ndarray:
-        """Residuals (m, d - 1) of points (m, d) along whose motions the forces are these."""
-        value = np.stack([own.value for own in forces])
-        return self.balance.balanced(*self.unpacked_all(z), value).reshape(len(z), -1) / self._units
+    def residuals(self, z: np.ndarray) -> np.ndarray:
+        """Residuals (m, d - 1) of points (m, d)."""
+        motions = self.unpacked_all(z)
+        loads = self.balance.loads_of_all(*motions)
+        return self.balance.balanced(*motions, loads).reshape(len(z), -1) / self._units
 
     def derivative(self, z: np.ndarray) -> np.ndarray:
         """Derivative (d - 1, d) of the residual."""

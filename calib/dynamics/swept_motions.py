@@ -74,6 +74,7 @@ def swept_motions(
     measured: xr.Dataset,
     highest: int,
     known: KnownSweeps = MappingProxyType({}),
+    to_first_order: bool = False,
 ) -> SweptMotions:
     """Motions that sweeps of the levels and directions of a measured response run through, beyond its ends by a margin.
 
@@ -84,6 +85,7 @@ def swept_motions(
     measured : frequency response, see `calib.records.response` and `calib.records.held_response`
     highest : harmonic, at most the lowest of `calib.dynamics.swept_series.SERIES_HARMONICS`
     known : curves that this function gave for other values: those of these values are sought beside them
+    to_first_order : whether they are wanted to first order in what differs from the known ones, for a derivative
 
     Raises
     ------
@@ -98,7 +100,7 @@ def swept_motions(
     if is_held(measured):
         return _at_held_amplitude(setting, bodies, measured, highest)
     stretches, jumps, curves = list[Stretch](), list[str](), dict[float, SeriesStretch]()
-    for sweep, direction, curve, path in swept_paths(setting, bodies, measured, known):
+    for sweep, direction, curve, path in swept_paths(setting, bodies, measured, known, to_first_order):
         if path.reason:
             return SweptMotions(bodies, failure=(NOT_PERIODIC, f"sweep {sweep:g}: {path.reason}"))
         if len(path.pieces) == 1 and isinstance(path.pieces[0], SeriesStretch):

@@ -29,11 +29,13 @@ KnownSweeps = Mapping[float, SeriesStretch]  # by the number of the sweep
 
 
 def swept_paths(
-    setting: Setting, bodies: Sequence[str], measured: xr.Dataset, known: KnownSweeps
+    setting: Setting, bodies: Sequence[str], measured: xr.Dataset, known: KnownSweeps, to_first_order: bool
 ) -> Iterator[tuple[float, float, LevelCurve, SweptPath]]:
     """Yield number, direction, level over frequency, and path of each sweep.
 
     Those of the same points are followed once from rest.
+
+    to_first_order : whether paths beside known ones are wanted to first order in what differs from these
     """
     frequency, levels, number = (measured[name].values for name in ("frequency", "level", "sweep"))
     from_rest: dict[tuple[bytes, float], SweptPath] = {}
@@ -44,7 +46,9 @@ def swept_paths(
         stops = stops_of(frequency[points], direction)
         series, maps = series_sweep(setting, level, stops), partial(_map, setting, level)
         near = known.get(sweep)
-        beside = series.beside(near) if series and near else None
+        beside = None
+        if series and near:
+            beside = series.beside_to_first_order(near) if to_first_order else series.beside(near)
         if beside:
             path = SweptPath([beside])
         else:

@@ -33,6 +33,7 @@ def swept_curves(
     excitation: Excitation,
     measured: xr.Dataset,
     known: KnownSweeps = MappingProxyType({}),
+    to_first_order: bool = False,
 ) -> tuple[xr.Dataset, KnownSweeps]:
     """Response that sweeps of the levels and directions of a measured one run through, beyond its ends by a margin.
 
@@ -53,7 +54,7 @@ def swept_curves(
     CalibError : as that function
     """
     orders = harmonic_orders(measured)
-    motions = swept_motions(model, values, excitation, measured, orders[-1], known)
+    motions = swept_motions(model, values, excitation, measured, orders[-1], known, to_first_order)
     if motions.failure:
         return motions.failed, {}
     own = motions.stretches

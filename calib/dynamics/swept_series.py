@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.dynamics.arclength import EDGE_ROUNDING, MAX_ARCLENGTH_STEP, Mark, OneWay, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
-from calib.dynamics.neighbour_curve import MAX_SPACING_RATIO, neighbour_curve
+from calib.dynamics.neighbour_curve import MAX_SPACING_RATIO, first_order_curve, neighbour_curve
 from calib.dynamics.response import AMPLITUDE, FREQUENCY, harmonics_of_cycle
 from calib.dynamics.series_curve import (
     MAX_SIZE_RATIO,
@@ -149,6 +149,18 @@ class SeriesSweep:
         found = self._beside(HarmonicBalance(self.system, (size - 1) // 2), known)
         return self._stretch(*found, "") if found and _is_described(*found) else None
 
+    def beside_to_first_order(self, known: SeriesStretch) -> SeriesStretch | None:
+        """Stretch beside a known one as `beside`, to first order in the change of parameters, as derivatives need it.
+
+        It is as stable as the known one, and is described by as many harmonics.
+        """
+        _, modes, size = known.coefficients.shape
+        if not self._is_whole(known) or modes != len(self.system.stiffness):
+            return None
+        curve = self._curve(HarmonicBalance(self.system, (size - 1) // 2), known.scale)
+        z = first_order_curve(curve, curve.packed_all(known.coefficients, known.frequency))
+        return None if z is None else self._stretch(curve, z, "")
+
     def backward(self, there: SeriesStretch) -> SeriesStretch | None:
         """Stretch back over the motions of a sweep the other way; None where that does not begin with its last one.
 
@@ -162,8 +174,7 @@ class SeriesSweep:
         if np.abs((first - there.last) / scale).max() > SAME_MOTION * np.abs(there.last / scale).max():
             return None
         curve = self._curve(HarmonicBalance(self.system, (there.coefficients.shape[-1] - 1) // 2), there.scale)
-        motions = zip(there.coefficients, there.frequency.tolist(), strict=True)
-        return self._stretch(curve, np.array([curve.packed(*own) for own in motions])[::-1], "")
+        return self._stretch(curve, curve.packed_all(there.coefficients, there.frequency)[::-1], "")
 
     def _is_whole(self, stretch: SeriesStretch) -> bool:
         """Whether a stretch goes from edge to edge of the window."""
@@ -173,10 +184,7 @@ class SeriesSweep:
         """Curve, and points (m, d) of its stable stretch beside a known one of at most as many harmonics."""
         curve = self._curve(balance, known.scale)
         further = [(0, 0), (0, 0), (0, balance.size - known.coefficients.shape[-1])]
-        coefficients = np.pad(known.coefficients, further)
-        found = neighbour_curve(
-            curve, np.array([curve.packed(*own) for own in zip(coefficients, known.frequency.tolist(), strict=True)])
-        )
+        found = neighbour_curve(curve, curve.packed_all(np.pad(known.coefficients, further), known.frequency))
         if found is None:
             return None
         z, forces = found

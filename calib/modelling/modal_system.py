@@ -77,6 +77,7 @@ class ModalSystem:
     places : positions at which forces act
     gain : (n, p) modal load per unit of the force per unit mass at each place  [kg^1/2]
     forces : of positions and rates (p, m) at the places [m], [m/s], and times (m,) [s], evenly over one period
+    loads : of the same -> the value (p, m) of these forces alone, without their derivatives
     kinked : whether forces have corners in position or rate, as that of a stop that yields
     marched : whether forces have internal states, which are marched from instant to instant
     clearance : of a rigid stop, one position; None without one, or where the stop yields and is among the places
@@ -94,6 +95,7 @@ class ModalSystem:
     places: Linear
     gain: np.ndarray
     forces: Callable[[np.ndarray, np.ndarray, np.ndarray], Forces]
+    loads: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
     kinked: bool
     marched: bool
     clearance: Linear | None

@@ -29,7 +29,7 @@ class Here:
 
     simulated = {"one": Shown(0.0)}
 
-    def runs(self, names, values=None, effects=(), starts=None):
+    def runs(self, names, values=None, effects=(), starts=None, to_first_order=False):
         return [dict(values or {})]
 
 

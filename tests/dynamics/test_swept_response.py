@@ -17,6 +17,7 @@ from calib.dynamics.swept_series import SeriesSweep, series_sweep
 from calib.effects.coulomb_friction import EFFECT as COULOMB_FRICTION
 from calib.effects.cubic_stiffness import EFFECT as CUBIC_STIFFNESS
 from calib.effects.drive_harmonic_2 import EFFECT as DRIVE_HARMONIC_2
+from calib.effects.presliding import EFFECT as PRESLIDING
 from calib.effects.quadratic_stiffness import EFFECT as QUADRATIC_STIFFNESS
 from calib.modelling.model import Model
 from calib.records.excitation import Excitation
@@ -88,6 +89,35 @@ def test_a_sweep_beside_that_of_other_values_is_the_one_sought_without_it(monkey
     np.testing.assert_allclose(at(found, frequency, 0.0), expected, atol=1e-4 * abs(expected).max())
     again, _ = swept_curves(model, {**VALUES, **friction}, FORCE, measured, own)
     np.testing.assert_allclose(complex_amplitude(again), complex_amplitude(found), atol=1e-9 * abs(expected).max())
+
+
+def test_a_sweep_that_ends_near_the_resonance_is_found_beside_that_of_another_stiffness(monkeypatch):
+    measured = make_response(np.linspace(2.8, 3.3, 17), ["mass"], np.ones((1, 17)), 0.2, "N", 0, 1.0)
+    values, frequency = {**VALUES, "stiffness": 0.97 * VALUES["stiffness"]}, np.linspace(2.8, 3.3, 50)
+    _, known = swept_curves(Model(Oscillator()), VALUES, FORCE, measured)
+    expected = at(swept_response(Model(Oscillator()), values, FORCE, measured), frequency, 0.0)
+    monkeypatch.setattr(swept_paths, "swept_path", None)  # nothing is sought without the known one
+    found, _ = swept_curves(Model(Oscillator()), values, FORCE, measured, known)
+    np.testing.assert_allclose(at(found, frequency, 0.0), expected, atol=1e-4 * abs(expected).max())
+
+
+@pytest.mark.parametrize(("effect", "values"), [(CUBIC_STIFFNESS, {"k3": 1e5}), (PRESLIDING, {"dahl_force": 0.02})])
+def test_a_curve_to_first_order_departs_by_the_square_of_what_is_changed(effect, values):
+    measured = make_response(np.linspace(2.8, 3.6, 17), ["mass"], np.ones((1, 17)), 0.2, "N", 0, 1.0)
+    base, model = Model(Oscillator()), Model(Oscillator(), [effect])
+    undisturbed, known = swept_curves(base, VALUES, FORCE, measured)
+    held = {p.name: 3e-3 if p.unit == "m" else p.nominal for p in effect.parameters}
+    changes, errors = [], []
+    for share in (0.01, 0.1):
+        own = {**VALUES, **held, **{name: share * value for name, value in values.items()}}
+        whole, linear = (
+            complex_amplitude(swept_curves(model, own, FORCE, measured, known, to_first_order=flag)[0])
+            for flag in (False, True)
+        )
+        changes.append(np.abs(whole - complex_amplitude(undisturbed)).max())
+        errors.append(np.abs(whole - linear).max())
+    assert errors[0] < 0.03 * changes[0]
+    assert errors[1] / errors[0] == pytest.approx(100.0, rel=0.5)
 
 
 def there_and_back(level, direction, high=4.2, amplitude=1.0):

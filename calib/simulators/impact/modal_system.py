@@ -14,7 +14,7 @@ from calib.errors import CalibError
 from calib.modelling.laws import STATES
 from calib.modelling.modal_system import Forces, Linear, ModalSystem
 from calib.simulators.compilation import COMPILED
-from calib.simulators.impact.law_states import LawAtPlace, at_places, inner_states, state_path
+from calib.simulators.impact.law_states import LawAtPlace, at_places, inner_states, periodic_states, state_path
 from calib.simulators.impact.problem import (
     EXCITATION_LAWS,
     FORCE_LAWS,
@@ -55,20 +55,7 @@ def modal_system(
         places.append(clearance)
         gains.append(compliance.load[:, None])
     acts, with_states = np.ascontiguousarray(problem.acts[:, columns]), at_places(law_states, columns)
-
-    def forces(position: np.ndarray, rate: np.ndarray, times: np.ndarray) -> Forces:
-        laws = len(columns)
-        by_laws = _law_forces(problem, acts, with_states, position[:laws], rate[:laws], times)
-        if compliance is None:
-            return by_laws
-        stop = _contact_forces(compliance, position[laws:], rate[laws:])
-        return Forces(
-            np.concatenate([by_laws.value, stop.value]),
-            np.concatenate([by_laws.by_position, stop.by_position]),
-            np.concatenate([by_laws.by_rate, stop.by_rate]),
-            by_laws.inner,
-        )
-
+    forces, loads = _forces_at_places(problem, compliance, acts, with_states)
     whole = Linear(np.zeros((bodies, n)), np.ones(bodies), np.zeros(bodies))  # what is not free moves by U
     whole.shape[list(free)], whole.drive[list(free)], whole.mean[list(free)] = coordinates
     return ModalSystem(
@@ -81,6 +68,7 @@ def modal_system(
         places=Linear(*(np.concatenate(part) for part in zip(*places, strict=True))),
         gain=np.hstack(gains),
         forces=forces,
+        loads=loads,
         kinked=compliance is not None,
         marched=bool(with_states),
         clearance=clearance if problem.stop and compliance is None else None,
@@ -88,6 +76,35 @@ def modal_system(
         phase=problem.phase,
         distortion=_distortion(problem),
     )
+
+
+def _forces_at_places(
+    problem: Problem, compliance: Compliance | None, acts: np.ndarray, with_states: Sequence[LawAtPlace]
+) -> tuple[
+    Callable[[np.ndarray, np.ndarray, np.ndarray], Forces], Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+]:
+    """`forces` and `loads` of `ModalSystem`: of laws at places, as `acts` (law, place) has it, and of a stop."""
+    laws = acts.shape[1]
+
+    def forces(position: np.ndarray, rate: np.ndarray, times: np.ndarray) -> Forces:
+        by_laws = _law_forces(problem, acts, with_states, position[:laws], rate[:laws], times)
+        if compliance is None:
+            return by_laws
+        stop = _contact_forces(compliance, position[laws:], rate[laws:])
+        return Forces(
+            np.concatenate([by_laws.value, stop.value]),
+            np.concatenate([by_laws.by_position, stop.by_position]),
+            np.concatenate([by_laws.by_rate, stop.by_rate]),
+            by_laws.inner,
+        )
+
+    def loads(position: np.ndarray, rate: np.ndarray, times: np.ndarray) -> np.ndarray:
+        by_laws = _law_loads(problem, acts, with_states, position[:laws], rate[:laws], times)
+        if compliance is None:
+            return by_laws
+        return np.concatenate([by_laws, _contact_forces(compliance, position[laws:], rate[laws:]).value])
+
+    return forces, loads
 
 
 def _check(problem: Problem) -> None:
@@ -168,10 +185,27 @@ def _law_forces(
     for law, a, size in with_states:
         own = position[a], rate[a], (float(steps[0, a]), float(steps[1, a]))
         paths.append(state_path(problem.force[law], problem.force_p[law], size, times, *own))
-        states[a, :, law, :size] = paths[-1].value.T
+        states[a, :, law, :size] = paths[-1].value
     _evaluate(problem.force, problem.force_p, count, acts, position, rate, times, steps, states, out)
     inner = inner_states(with_states, paths, float(times[1] - times[0])) if paths else None
     return Forces(out[0], out[1], out[2], inner)
+
+
+def _law_loads(
+    problem: Problem, acts: np.ndarray, with_states: Sequence[LawAtPlace], position: np.ndarray, rate: np.ndarray,
+    times: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Sums of the laws (place, instant), without their derivatives."""
+    out = np.zeros((1, *position.shape))
+    count = int(problem.counts[FORCE_LAWS]) if position.size else 0
+    if count:
+        states = np.zeros((len(position), times.size if with_states else 1, count, STATES))
+        for law, a, size in with_states:
+            own = position[a], rate[a]
+            states[a, :, law, :size] = periodic_states(problem.force[law], problem.force_p[law], size, times, *own)
+        steps = np.zeros((2, len(position)))
+        _evaluate(problem.force, problem.force_p, count, acts, position, rate, times, steps, states, out)
+    return out[0]
 
 
 @njit(**COMPILED)
@@ -209,6 +243,8 @@ def _evaluate(
 ) -> None:
     """Write sums of the laws (3, place, instant): value, and derivatives by position and rate with `states` held.
 
+    out : (1, place, instant) where the value alone is asked for
+
     states : (place, instant, law, STATES); without any, of one instant
     """
     dz = np.zeros(STATES)
@@ -217,6 +253,8 @@ def _evaluate(
         for j in range(times.size):
             t, x, v, z = times[j], position[a, j], rate[a, j], states[a, j % states.shape[1]]
             out[0, a, j] = _sum(laws, parameters, count, own, t, x, v, z, dz)
+            if len(out) == 1:
+                continue
             ahead = _sum(laws, parameters, count, own, t, x + hx, v, z, dz)
             behind = _sum(laws, parameters, count, own, t, x - hx, v, z, dz)
             out[1, a, j] = (ahead - behind) / (2.0 * hx)
