@@ -10,12 +10,13 @@ from calib.diagnosis.effort import SUSPECT
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import chi2_std, excess_chi2
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.free_form import with_free_form
 from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.rejection import extension, rejection
 from calib.diagnosis.replacement import without_cause
 from calib.diagnosis.rivals import chi2_of_another_rival, rival_suspects, simplest, with_possible_causes
-from calib.diagnosis.search import Round, with_free_form
+from calib.diagnosis.search import Round
 from calib.diagnosis.stepwise import StepwiseState
 from calib.diagnosis.suspect import Cause, Refitted, Suspect, leading_variants
 

@@ -45,6 +45,18 @@ def special_cases(
     return leading_variants(sorted((s for s in possible if s.name in others), key=lambda s: -s.chi2_reduction))
 
 
+def within_reach(evidence: Evidence, rivals: Sequence[Refitted], possible: Sequence[Refitted]) -> list[Refitted]:
+    """Possible causes that are no rivals with the form they are tried with, and that a better one might make the best.
+
+    What separates them from the best is less than this leaves above noise: a guess of the form may make that much. One
+    of each effect.
+    """
+    best, known = rivals[0], {rival.name for rival in rivals}
+    least = best.chi2_reduction - max(0.0, excess_chi2(evidence, best.fit))
+    others = (s for s in possible if s.name not in known and s.candidate.bounds and s.chi2_reduction > least)
+    return leading_variants(sorted(others, key=lambda s: -s.chi2_reduction))
+
+
 def chi2_of_another_rival(evidence: Evidence, rivals: Sequence[Refitted], other: Suspect) -> float:
     """Chi-square up to which another suspect, with its form fitted, is a rival beside these.
 

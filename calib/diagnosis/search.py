@@ -1,6 +1,6 @@
 """One step of forward selection: candidates scored, the leading ones refitted, the best compared with its rivals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,9 +14,14 @@ from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.excess import chi2_std, degrees_of_freedom, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.foresight import SHARE_OF_RIVALS, foresee_rivals, foresee_suspects
+from calib.diagnosis.free_form import with_best_forms
 from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.rivals import not_refuted, rival_suspects, simplest, special_cases, with_possible_causes
+from calib.diagnosis.rivals import (
+    rival_suspects,
+    simplest,
+    with_possible_causes,
+)
 from calib.diagnosis.score import deviate
 from calib.diagnosis.screening import KnownDerivatives, screened
 from calib.diagnosis.suspect import Refitted, Scored, Screened, Suspect, cosine, is_testable, leading_variants
@@ -126,17 +131,10 @@ def _chosen(
         possible = [s for s in refitted if _is_possible(s, threshold)]
         rivals = rival_suspects(fitter.evidence, possible, threshold)
     latest = {id(s.candidate): s for s in refitted}
-    if rivals:  # indistinguishable suspects and what they contain are compared again, each with its best-fitting form
-        again = [*rivals, *special_cases(rivals, possible, suspects)]
-
-        def fitted_form(suspect: Refitted, own: Fitter) -> Refitted:
-            return own.attempt(partial(_with_best_form, own, suspect, before, common)) or suspect
-
-        formed = list(fitter.in_turn([partial(fitted_form, suspect) for suspect in again]))
-        own, special = formed[: len(rivals)], formed[len(rivals) :]
-        kept = [*own, *not_refuted(fitter.evidence, own, special)]
-        latest |= {id(s.candidate): other for s, other in zip(again, formed, strict=True) if other in kept}
-        rivals = rival_suspects(fitter.evidence, kept, threshold)
+    if rivals:
+        kept = with_best_forms(fitter, rivals, possible, suspects, before, common)
+        latest |= kept
+        rivals = rival_suspects(fitter.evidence, list(kept.values()), threshold)
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
     chosen = simplest(rivals) if rivals else None
     rivals = with_possible_causes(fitter.evidence, rivals, [latest[id(s.candidate)] for s in possible])
@@ -380,38 +378,6 @@ def _trial_sizes(fitter: Fitter, base: Fit, suspect: Screened, least: float) -> 
     starts = [candidate.within_scale(size) for reduction, size in trials[: CRITERIA.max_starts] if reduction > least]
     known = [_estimate(suspect)] if is_testable(suspect) else []
     return [x for k, x in enumerate(starts) if not any(np.allclose(x, other) for other in (*known, *starts[:k]))]
-
-
-def with_free_form(
-    fitter: Fitter, suspect: Refitted, chi2_reduction: Callable[[Fit], float], rival: float = np.inf
-) -> Refitted | None:
-    """Return the suspect with its form fitted too; None where it cannot be simulated.
-
-    chi2_reduction : by the model that is fitted
-    rival : chi-square that another model attains, as `Fitter.fit` takes it
-    """
-    candidate = suspect.candidate
-    formed = replace(candidate, form=tuple(candidate.bounds))
-    candidates = tuple(formed if c is candidate else c for c in suspect.fit.candidates)
-    fit = fitter.fit(suspect.fit.point, candidates, rival=rival)
-    if not fit.names:
-        return None
-    return replace(suspect, candidate=formed.at(fit.point.values), fit=fit, chi2_reduction=chi2_reduction(fit))
-
-
-def _with_best_form(fitter: Fitter, suspect: Refitted, before: float, common: Evidence) -> Refitted:
-    """Return the suspect with its form fitted too, where that lowers its AIC.
-
-    The form with which an effect is tried is a guess: the residual of a poor one would be taken for a further cause.
-
-    before : chi-square of the model without the suspect, over the evidence `common`
-    """
-    if not suspect.candidate.bounds or not suspect.fit.names:
-        return suspect
-    other = with_free_form(fitter, suspect, lambda fit: before - fit.chi2_over(common))
-    if other is None or other.chi2_reduction - other.aic_penalty <= suspect.chi2_reduction - suspect.aic_penalty:
-        return suspect
-    return other
 
 
 def _is_possible(suspect: Refitted, threshold: float) -> bool:

@@ -12,6 +12,7 @@ from calib.diagnosis.rivals import (
     rival_suspects,
     special_cases,
     with_possible_causes,
+    within_reach,
 )
 from calib.diagnosis.search import _refits, _refits_from_the_middle, _similar_to_the_best
 
@@ -129,6 +130,21 @@ def test_where_noise_is_left_no_suspect_is_behind_for_anything_else():
     best, other = fitted("best", 500.0, 5.0), fitted("other", 490.0, 5.0, 4.0)
     assert with_possible_causes(EVIDENCE, (best,), [other]) == (best,)
     assert with_possible_causes(EVIDENCE, (), [other]) == ()
+
+
+@pytest.mark.parametrize(
+    ("behind", "remainder", "bounds", "in_reach"),
+    [
+        (24.0, 7.0, {"width": (1.0, 2.0)}, True),  # the best leaves 49 above noise
+        (60.0, 7.0, {"width": (1.0, 2.0)}, False),
+        (24.0, 0.0, {"width": (1.0, 2.0)}, False),  # there is nothing that a better form could explain
+        (24.0, 7.0, {}, False),
+    ],
+)
+def test_a_suspect_is_in_reach_whose_gap_to_the_best_is_less_than_that_leaves(behind, remainder, bounds, in_reach):
+    best, other = fitted("best", 500.0, remainder), fitted("other", 500.0 - behind, 0.0)
+    other.candidate = SimpleNamespace(bounds=bounds)
+    assert within_reach(EVIDENCE, (best,), [best, other]) == [other] * in_reach
 
 
 def scored(name, reduction, angle):
