@@ -14,7 +14,7 @@ import numpy as np
 from hidden.stepped_laboratory import NOISE, WHITE, SteppedLaboratory
 from hidden.stepped_laws import CAUSES, Force
 from numba import njit
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
 
 from calib.records.response import make_response
 
@@ -23,6 +23,7 @@ FREQUENCIES = np.linspace(2.7, 4.0, 24)  # Hz
 CALIBRATED, HELD_OUT = (0.12, 0.25, 0.6), (0.4,)  # N
 STEPS_PER_PERIOD, MAX_PERIODS, MEASURED_PERIODS = 600, 800, 4
 CURVE_POINTS, FREQUENCY_KNOWN = 4000, 0.1  # of a curve beside which points are judged; of a step between frequencies
+MAX_SPECIAL_STEPS = 15  # of the fit of a special case  [count]
 CLOSED = 1e-6  # change of displacement and velocity over a period, over the largest that was reached
 
 
@@ -88,6 +89,11 @@ def _amplitudes(truth: Truth, points: np.ndarray, wait: int = 0) -> np.ndarray:
     return _stepped(cause.force, cause.states, truth.size, truth.form, truth.values, points, wait)
 
 
+def _points(level: float) -> np.ndarray:
+    """Points (n, 3) of a sweep up at a level, as `_stepped` takes them."""
+    return np.column_stack([FREQUENCIES, np.full(FREQUENCIES.size, level), np.ones(FREQUENCIES.size)])
+
+
 def signal_to_noise(truth: Truth) -> float:
     """Norm of what is hidden beyond what stiffness and damping absorb  [1].
 
@@ -101,8 +107,7 @@ def signal_to_noise(truth: Truth) -> float:
     apart = ((FREQUENCIES[:, None] - along) / (FREQUENCY_KNOWN * step)) ** 2
     own, sigma = [], []
     for level in CALIBRATED:
-        points = np.column_stack([FREQUENCIES, np.full(FREQUENCIES.size, level), np.ones(FREQUENCIES.size)])
-        own.append(_amplitudes(truth, points) / level)
+        own.append(_amplitudes(truth, _points(level)) / level)
         sigma.append(NOISE * np.sqrt(np.mean(np.abs(own[-1]) ** 2)))
 
     def square(relative: np.ndarray) -> float:
@@ -113,6 +118,32 @@ def signal_to_noise(truth: Truth) -> float:
 
     starts = [np.array([ratio, 0.3]) for ratio in (-0.1, 0.0, 0.1)]
     return float(np.sqrt(min(minimize(square, x, method="Nelder-Mead").fun for x in starts)))
+
+
+def signal_beyond_special(truth: Truth) -> float:
+    """Norm of what is hidden beyond what its special case absorbs with stiffness and damping, as `signal_to_noise`.
+
+    inf where it has none. By the hider's own law, whose size and form are fitted too: what is closer to it than the
+    noise cannot be told from it.
+    """
+    name = CAUSES[truth.cause].special if truth.cause else ""
+    if not name:
+        return float("inf")
+    own = [_amplitudes(truth, _points(level)) for level in CALIBRATED]
+    slopes = [np.gradient(one, FREQUENCIES) for one in own]
+    known = FREQUENCY_KNOWN * float(np.diff(FREQUENCIES).mean())
+
+    def residual(logarithms: np.ndarray) -> np.ndarray:
+        stiffness, damping, size, form = np.exp(logarithms)
+        other, parts = Truth(name, size, form, np.array([MASS, stiffness, damping])), []
+        for level, one, slope in zip(CALIBRATED, own, slopes, strict=True):
+            away = (_amplitudes(other, _points(level)) - one) * np.conj(slope) / np.abs(slope)
+            sigma = NOISE * np.sqrt(np.mean(np.abs(one) ** 2))
+            parts += [away.real / np.hypot(sigma, known * np.abs(slope)), away.imag / sigma]
+        return np.concatenate(parts)
+
+    begin = np.log([*truth.values[1:], truth.size, np.sqrt(np.prod(CAUSES[name].form))])
+    return float(np.sqrt(2.0 * least_squares(residual, begin, diff_step=1e-3, max_nfev=MAX_SPECIAL_STEPS).cost))
 
 
 def record(truth: Truth, levels: Sequence[float], seed: int, laboratory: SteppedLaboratory = WHITE):

@@ -119,6 +119,7 @@ class Cause(NamedTuple):
         Iwan's, of play and of the magnet's distance, exponent of the power law, order of the springpot, otherwise idle
     accepted : effects that are the right answer
     states : number of internal states
+    special : cause that this one is where its form is a certain one, or nearly; "" for none
     """
 
     force: Force
@@ -126,6 +127,7 @@ class Cause(NamedTuple):
     form: tuple[float, float]
     accepted: tuple[str, ...]
     states: int = 1
+    special: str = ""
 
 
 CAUSES: Mapping[str, Cause] = {
@@ -136,9 +138,9 @@ CAUSES: Mapping[str, Cause] = {
     "presliding": Cause(_dahl, (0.05, 0.15), (2e-3, 8e-3), ("presliding",)),
     "quadratic_stiffness": Cause(_square, (2e3, 4e3), (1.0, 1.0), ("quadratic_stiffness",)),
     "power_law_damping": Cause(_power, (1.0, 4.0), (2.5, 3.3), ("power_law_damping",)),
-    "bouc_wen": Cause(_bouc_wen, (0.1, 0.3), (4e-3, 1e-2), ("bouc_wen",)),
-    "stribeck": Cause(_stribeck, (0.03, 0.08), (0.05, 0.2), ("stribeck",)),
-    "iwan": Cause(_iwan, (0.15, 0.35), (7e-3, 1.2e-2), ("iwan",), states=20),
+    "bouc_wen": Cause(_bouc_wen, (0.1, 0.3), (4e-3, 1e-2), ("bouc_wen",), special="presliding"),
+    "stribeck": Cause(_stribeck, (0.03, 0.08), (0.05, 0.2), ("stribeck",), special="presliding"),
+    "iwan": Cause(_iwan, (0.15, 0.35), (7e-3, 1.2e-2), ("iwan",), states=20, special="bouc_wen"),
     "backlash": Cause(_play, (20.0, 80.0), (3e-3, 1.2e-2), ("backlash",)),
     "magnetic_attraction": Cause(_magnet, (1.2, 1.8), (0.08, 0.1), ("magnetic_attraction",)),
     "fractional_damping": Cause(

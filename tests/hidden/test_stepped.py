@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hidden.stepped import drawn, signal_to_noise
+from hidden.stepped import drawn, signal_beyond_special, signal_to_noise
 from hidden.stepped_laws import BOUC_WEN_SHAPE, CAUSES, FRACTIONAL_FREQUENCY, STRIBECK_RISE
 
 
@@ -91,3 +91,15 @@ def linear_response(cause, omega, size, form):
 def test_what_is_hidden_is_visible_and_nothing_is_not(cause):
     assert signal_to_noise(drawn(cause, 0)) > 8.0
     assert signal_to_noise(drawn(None, 0)) < 0.5
+
+
+def test_a_law_without_a_special_case_is_told_from_any():
+    assert signal_beyond_special(drawn("softening", 1)) == np.inf
+    assert signal_beyond_special(drawn(None, 1)) == np.inf
+
+
+@pytest.mark.slow
+def test_what_is_far_from_nothing_may_be_close_to_its_special_case():
+    friction = drawn("stribeck", 820)
+    assert signal_to_noise(friction) > 100.0
+    assert signal_beyond_special(friction) == pytest.approx(4.1, abs=0.2)
