@@ -338,11 +338,13 @@ class GrossErrorsResult:
     ----------
     record : its name
     points : number of its points
-    frequencies : of those that are gross errors  [Hz]
+    numbers : of those that are gross errors, the first point being number 1
+    frequencies : of these  [Hz]
     """
 
     record: str
     points: int
+    numbers: tuple[int, ...]
     frequencies: tuple[float, ...]
 
 
@@ -362,7 +364,7 @@ class DiagnosisResult:
     refused : effect -> why it could not be tested
     gates : conditions of the diagnosis
     outliers : share of the samples  [1]
-    gross_errors : points of frequency responses that count for next to nothing
+    gross_errors : points of frequency responses, which have little weight
     rounding : share of the noise of a channel that is quantisation  [1]
     misfit : None where the records could not be compared
     parameters : calibrated ones, and those of the causes

@@ -13,8 +13,22 @@ def degrees_of_freedom(evidence: Evidence, fit: Fit) -> float:
 
 
 def excess_chi2(evidence: Evidence, fit: Fit) -> float:
-    """Chi-square of a fit beyond its degrees of freedom."""
-    return fit.chi2 - degrees_of_freedom(evidence, fit)
+    """Chi-square of a fit beyond its degrees of freedom.
+
+    What gross errors leave of it is none: no model comes near them.
+    """
+    return fit.chi2 - _of_gross_errors(evidence, fit) - degrees_of_freedom(evidence, fit)
+
+
+def _of_gross_errors(evidence: Evidence, fit: Fit) -> float:
+    """Chi-square of the points in doubt that are far from the simulated response, beyond that of their noise."""
+    excess = 0.0
+    for part in evidence.parts:
+        if part.is_swept:
+            doubted = fit.point.simulated[part.name].trust < 1.0
+            own = fit.residual[evidence.of(part.name)].reshape(len(part.rows), -1)[:, doubted]
+            excess += max(0.0, float(np.square(own).sum()) - own.size)
+    return excess
 
 
 def excess_over(evidence: Evidence, fit: Fit) -> float:

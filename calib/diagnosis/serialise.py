@@ -100,13 +100,14 @@ def diagnosis_result(diagnosis: Diagnosis, values: Mapping[str, float]) -> Diagn
 
 
 def _gross_errors(selection: Selection, evidence: Evidence) -> tuple[GrossErrorsResult, ...]:
-    """Points of frequency responses that count for next to nothing beside the extended model."""
+    """Points of frequency responses that are gross errors beside the extended model."""
     found = []
     for part in evidence.parts:
         if part.frequency is not None:
-            gross = part.frequency[selection.final.point.simulated[part.name].trust < MAX_GROSS_TRUST]
-            if gross.size:
-                found.append(GrossErrorsResult(part.name, part.time.size, tuple(gross.tolist())))
+            places = np.flatnonzero(selection.final.point.simulated[part.name].trust < MAX_GROSS_TRUST)
+            if places.size:
+                numbers, frequencies = tuple((places + 1).tolist()), tuple(part.frequency[places].tolist())
+                found.append(GrossErrorsResult(part.name, part.time.size, numbers, frequencies))
     return tuple(found)
 
 

@@ -1,79 +1,82 @@
-"""Gross errors of frequency responses: points that were read in a jump, or while an amplifier was overloaded.
+"""Gross errors of frequency responses: points that were read before the motion had settled, or by a clipped amplifier.
 
 Noise has no part in them, and no model of steady motions can come near them: a least sum of squares would try, at the
 cost of all other points. Where they may be, the measured points say: they lie apart from those before and after. There
-a distance from the simulated response that no noise has counts little, and one that noise may have as everywhere;
-elsewhere a large distance is a fault of the model.
+the weight of a distance from the simulated response falls where noise hardly reaches; elsewhere a large distance is a
+fault of the model.
 """
+
+from functools import lru_cache
 
 import numpy as np
 import xarray as xr
 from scipy import stats
 
-from calib.objective.outliers import MIN_DEVIATION
+MAX_TRUSTED_DEVIATION = 3.0  # of a point in doubt from its model, in standard deviations: up to it the weight is 1
+MAX_DOUBTED_RATIO = 1.15  # of what any distance of a point in doubt counts as, to the largest that counts in full  [1]
+MAX_GROSS_TRUST = 0.5  # in the distance of a point: of less than that, 2.3 trusted ones, it is a gross error
+MIN_STEP_DEVIATION = 8.0  # standard deviations: what a step between two points exceeds that is more than noise
+MIN_JUMP_RATIO = 5.0  # of the steps to a point and from it, over those before and after and the median one  [1]
+SETTLING_POINTS = 3  # after a point that was read in a jump, by which the motion has settled  [count]
 
-MAX_TRUSTED_DEVIATION = 4.0  # of a part from its model, in standard deviations, that is not doubted
-MAX_GROSS_TRUST = 0.5  # in the distance of a point, below which that is a gross error: from 7.3 standard deviations on
-MIN_JUMP_RATIO = 3.0  # of a jump to the steps between points before and after it  [1]
-MIN_DECAY_RATIO = 10.0  # of a step to the least of the next four, where the motion still decays  [1]
-FEWEST_STEPS = 4  # between the points of a sweep, in which a jump can be told from steps  [count]
 
+@lru_cache
+def largest_noise(parts: int, deviation: float) -> float:
+    """Distance of a point that noise exceeds as rarely as one part alone exceeds some standard deviations.
 
-def reach_of_noise(parts: int, deviation: float) -> float:
-    """Squared distance that noise exceeds as rarely as one of its parts a number of standard deviations  [1].
-
-    Parts in their standard uncertainties.
+    A quantile of chi's distribution. Parts and distance in standard uncertainties.
     """
-    return float(stats.chi2.isf(stats.chi2.sf(deviation**2, 1), parts))
+    return float(np.sqrt(stats.chi2.isf(stats.chi2.sf(deviation**2, 1), parts)))
 
 
-def may_be_gross(values: np.ndarray, parts: int) -> np.ndarray:
-    """Whether points (n,) of a sweep lie apart from those before and after.
+def in_doubt(values: np.ndarray, sigma: np.ndarray, frequency: np.ndarray, parts: int) -> np.ndarray:
+    """Whether points (n,) of a sweep lie apart from those before and after, and may be gross errors.
 
-    A step between two points is a jump where it is larger than the steps on either side. A single one leads from one
-    branch to the other. The points between several were read on neither: while the motion jumped, or in error; and so
-    may be the one after them, as a motion decays. At either end of a sweep a single jump leaves a point alone.
+    The steps to it and from it are more than noise, and several times the median step, the step before, and one of the
+    steps after: a jump from branch to branch is a single large step, and near a resonance that is resolved neighbouring
+    steps are alike. The point after it is in doubt too, as a motion decays. The first and last two are not: what comes
+    before or after them is not known. Points read again at a frequency count as one, by their mean.
 
     Parameters
     ----------
-    values : (k, n) parts of the points in the order measured, each in its standard uncertainty
-    parts : how many of them are measured
+    values : (k, n) complex, of the points in the order measured
+    sigma : (k, n) standard uncertainties of their parts, in the same unit
+    frequency : (n,)  [Hz]
+    parts : number of the parts of a point that are measured
     """
-    steps = np.sqrt(np.square(np.diff(values, axis=1)).sum(axis=0))
-    if steps.size < FEWEST_STEPS:
-        return np.zeros(values.shape[1], dtype=bool)
-    large = steps**2 > 2.0 * reach_of_noise(parts, MIN_DEVIATION)  # a difference has the noise of two points
-    jump = np.zeros(steps.size, dtype=bool)
-    for place in np.flatnonzero(large):
-        begins = steps[place] > MIN_JUMP_RATIO * _least(steps[max(place - 2, 0) : place])
-        ends = steps[place] > MIN_JUMP_RATIO * _least(steps[place + 1 : place + 3])
-        decays = steps[place] > MIN_DECAY_RATIO * _least(steps[place + 1 : place + 5])
-        jump[place] = (begins and (ends or decays)) or (place > 0 and jump[place - 1] and decays)
-    bounded = np.concatenate([[True], jump, [True]])
-    between = bounded[:-1] & bounded[1:]
-    return between | np.concatenate([[False], between[:-1]])
-
-
-def _least(steps: np.ndarray) -> float:
-    """Least of some steps, 0 where there are none: nothing is known beyond the end of a sweep."""
-    return float(steps.min()) if steps.size else 0.0
+    group = np.concatenate([[0], np.cumsum(np.diff(frequency) != 0.0)])
+    count = np.bincount(group)
+    real, imaginary, square = (
+        np.array([np.bincount(group, row) for row in rows]) / count for rows in (values.real, values.imag, sigma**2)
+    )
+    variance = square / count
+    apart = np.diff(real) ** 2 + np.diff(imaginary) ** 2
+    steps = np.sqrt((apart / (variance[:, 1:] + variance[:, :-1])).sum(axis=0))
+    doubted = np.zeros(count.size, dtype=bool)
+    for point in range(2, count.size - 2):
+        least = max(largest_noise(parts, MIN_STEP_DEVIATION), MIN_JUMP_RATIO * float(np.median(steps)))
+        before, into, out = steps[point - 2 : point + 1]
+        after = steps[point + 1 : point + 1 + SETTLING_POINTS].min()
+        doubted[point] = into > max(least, MIN_JUMP_RATIO * before) and out > max(least, MIN_JUMP_RATIO * after)
+    doubted[1:] |= doubted[:-1].copy()
+    return doubted[group]
 
 
 def trust_at(square: np.ndarray, parts: int) -> np.ndarray:
-    """Factors (n,) in (0, 1] on distances: 1 up to one that noise may have, and next to 0 at that of a gross error.
+    """Factors (n,) in (0, 1] on the distances of points in doubt.
 
-    With a the distance that noise exceeds as rarely as 4 standard deviations of one part, a distance r > a counts as
-    r exp(-(r / a - 1)^2): a redescending M-estimator that is least squares in the middle. What is left of a gross error
-    is no evidence against a model either. Source: Huber & Ronchetti, Robust Statistics, 2nd edition (2009), section
-    4.8.
+    They count in full up to the largest that noise may have, a, and hardly more than that from there on, however large
+    they are: an M-estimator whose influence falls to zero, and of which no distance is worth more than a smaller one.
+    Source: Huber & Ronchetti, Robust Statistics, 2nd edition (2009), section 4.8.
 
     Parameters
     ----------
     square : (n,) squared distances, their parts in their standard uncertainties
     parts : of each
     """
-    over = np.sqrt(np.maximum(square / reach_of_noise(parts, MAX_TRUSTED_DEVIATION), 1.0)) - 1.0
-    return np.exp(-np.square(over))
+    ratio = np.maximum(np.sqrt(square) / largest_noise(parts, MAX_TRUSTED_DEVIATION), 1.0)
+    most = MAX_DOUBTED_RATIO - 1.0
+    return (1.0 + most * (1.0 - np.exp((1.0 - ratio) / most))) / ratio
 
 
 def gross_errors(compared: xr.Dataset) -> np.ndarray:

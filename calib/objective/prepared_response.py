@@ -8,7 +8,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from calib.errors import CalibError
-from calib.objective.gross_errors import may_be_gross, trust_at
+from calib.objective.gross_errors import in_doubt, trust_at
 from calib.objective.prepared_reference import Pairs, SensedRecord
 from calib.objective.scalar_features import FeatureValue, Scalar, compared
 from calib.objective.stable_stretches import StableStretch, stable_stretches
@@ -53,7 +53,7 @@ class PreparedResponse:
         self._orders = len(harmonic_orders(self.record))
         self._higher_sigma = harmonic_tolerances(self.record)[1:]
         self._parts = len(self._rows) * (2 if has_phase(self.record) else 1)
-        self._may_be_gross = self._apart_from_neighbours()
+        self._in_doubt = self._points_in_doubt()
 
     def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
         """Status and reason of a response that cannot be compared, None where it can."""
@@ -120,18 +120,20 @@ class PreparedResponse:
         own, n = [self.bodies.index(body) for body in self._bodies], len(self.bodies)
         return [order * n + body for order in range(self._orders) for body in own]
 
-    def _apart_from_neighbours(self) -> np.ndarray:
+    def _points_in_doubt(self) -> np.ndarray:
         """Whether each point (point,) lies apart from those before and after it in its sweep."""
-        size, found = self.record.sizes["point"], np.zeros(self.record.sizes["point"], dtype=bool)
-        scaled = (compared_harmonics(self.record) / self._sigma).reshape(-1, size)[self._rows]
+        frequency, found = self.record["frequency"].values, np.zeros(self.record.sizes["point"], dtype=bool)
+        own, sigma = (
+            values.reshape(-1, frequency.size)[self._rows] for values in (compared_harmonics(self.record), self._sigma)
+        )
         for _, points in sweeps(self.record):
-            found[points] = may_be_gross(np.concatenate([scaled.real, scaled.imag])[:, points], self._parts)
+            found[points] = in_doubt(own[:, points], sigma[:, points], frequency[points], self._parts)
         return found
 
     def _trust(self, feet: "_Feet", points: np.ndarray) -> np.ndarray:
-        """Factors (k,) in (0, 1] on the distances of k of the points: less than 1 of gross errors."""
+        """Factors (k,) in (0, 1] on the distances of k of the points: less than 1 of those in doubt that are far."""
         trust = trust_at(np.square(feet.apart).sum(axis=1), self._parts)
-        return np.where(self._may_be_gross[points], trust, 1.0)
+        return np.where(self._in_doubt[points], trust, 1.0)
 
     def _feet(self, simulated: xr.Dataset) -> Iterator[tuple[np.ndarray, "_Feet"]]:
         """Measured points of each sweep with the nearest ones of its curve."""

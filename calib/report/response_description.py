@@ -64,21 +64,24 @@ def _range(values: np.ndarray, unit: str) -> str:
     return f"{shown(float(values.min()), unit)} .. {shown(float(values.max()), unit)}"
 
 
-def gross_errors_text(name: str, size: int, frequencies: Sequence[float]) -> str:
+def gross_errors_text(name: str, size: int, numbers: Sequence[int], frequencies: Sequence[float]) -> str:
     """Name the points of a response that are gross errors.
 
     Parameters
     ----------
     name : of the record
     size : number of its points
+    numbers : of those, the first point being number 1
     frequencies : of those  [Hz]
     """
-    one, at = len(frequencies) == 1, ", ".join(shown(frequency, "Hz") for frequency in frequencies)
-    lie, were, count, them = ("lies", "it was", "counts", "it") if one else ("lie", "they were", "count", "them")
+    named = [f"number {n} at {shown(f, 'Hz')}" for n, f in zip(numbers, frequencies, strict=True)]
+    lie, were, have, them = (
+        ("lies", "it was", "It has", "it") if len(named) == 1 else ("lie", "they were", "They have", "them")
+    )
     return (
-        f"record {name!r}: {len(frequencies)} of {size} points, at {at}, {lie} neither on the simulated response nor "
-        f"beside the points measured before and after; {were} read while the motion still jumped, or in error, and "
-        f"{count} for next to nothing: measure {them} again and wait longer"
+        f"record {name!r}: {len(named)} of {size} points, {', '.join(named)}, {lie} neither on the simulated response "
+        f"nor beside the points before and after: {were} read before the motion had settled after a jump, or in "
+        f"error, or the frequencies are too far apart there. {have} little weight; measure {them} again"
     )
 
 

@@ -35,7 +35,7 @@ def _gross_errors(objective: Objective, name: str, best: Evaluation) -> Iterator
     frequencies = objective.references[name].record["frequency"].values
     gross = gross_errors(objective.aligned(name, best.records[name]))
     if gross.size:
-        yield gross_errors_text(name, frequencies.size, frequencies[gross].tolist())
+        yield gross_errors_text(name, frequencies.size, (gross + 1).tolist(), frequencies[gross].tolist())
 
 
 def _free_trigger(objective: Objective, name: str, best: Evaluation) -> Iterator[str]:

@@ -28,10 +28,10 @@ def test_a_point_that_was_read_in_a_jump_is_named_and_leads_no_fit_astray(tmp_pa
         assert abs(result["values"][name] - true) < 0.75 * (high - low), name  # 3 standard errors
         assert high - low < 0.2 * true
     said = " ".join(answer.output.split())
-    assert "record 'levels': 1 of 72 points, at 3.717 Hz" in said
-    assert "it was read while the motion still jumped, or in error, and counts for next to nothing" in said
+    assert "record 'levels': 1 of 72 points, number 67 at 3.717 Hz" in said
+    assert "it was read before the motion had settled after a jump, or in error" in said
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "1 of 72 points, at 3.717 Hz" in page
+    assert "1 of 72 points, number 67 at 3.717 Hz" in page
     [fit] = result["score"]["terms"].values()
     assert fit < 0.03  # of noise of half a per cent, where that point alone would make it 0.1
 
@@ -49,7 +49,7 @@ def test_a_diagnosis_names_the_point_and_the_cause(tmp_path):
     said = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert said["causes"] == ["cubic_stiffness"]
     [gross] = said["gross_errors"]
-    assert (gross["record"], gross["points"], len(gross["frequencies"])) == ("levels", 72, 1)
+    assert (gross["record"], gross["points"], gross["numbers"]) == ("levels", 72, [67])
     [spring] = [one for one in said["suspects"] if one["effect"] == "cubic_stiffness"]
     low, high = spring["interval"]["k3"]
     assert abs(spring["size"]["k3"] - truth.size) < 0.75 * (high - low)

@@ -117,8 +117,7 @@ def _response_picture(
 
 def _response_residual_picture(name: str, measured: xr.Dataset, aligned: xr.Dataset, bound: str) -> Picture | None:
     """Picture of the distances of a measured response, without gross errors; bound: what its caption adds."""
-    drawn = response_residual(*without_gross_errors(measured, aligned))
-    return pictured(drawn, f"residual-{name}", RESPONSE_RESIDUAL + bound)
+    return pictured(response_residual(measured, aligned), f"residual-{name}", RESPONSE_RESIDUAL + bound)
 
 
 def record_section(

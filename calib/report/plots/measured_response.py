@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from calib.execution.files import whole
+from calib.objective import gross_errors
 from calib.records.held_response import is_held
 from calib.records.response import (
     complex_harmonics,
@@ -34,11 +35,11 @@ MAX_LEGEND_COLUMNS = 5  # count
 BAR_SIGMAS = 2.0  # standard uncertainties on either side of a point
 MIN_PHASE_SHARE = 1e-6  # of the largest first harmonic: a smaller one, of a simulation, has the phase of rounding  [1]
 UP, DOWN = "^", "v"  # markers of points of a sweep up and down
-FIRST_HEIGHT = 4.4  # of amplitude and phase of the first harmonic of a body  [inch]
 NO_POINTS = np.zeros(0, dtype=int)
 RING: Look = {
     "color": MARK, "marker": "o", "markersize": 9.0, "markerfacecolor": "none", "linestyle": "none",
 }  # fmt: skip
+FIRST_HEIGHT = 4.4  # of amplitude and phase of the first harmonic of a body  [inch]
 HIGHER_HEIGHT = 3.4  # the same of a higher one  [inch]
 
 
@@ -83,7 +84,7 @@ def response_over_frequency(
 
 
 def response_residual(measured: xr.Dataset, aligned: xr.Dataset) -> Figure:
-    """Distance of each measured point from the curve over frequency, in standard uncertainties.
+    """Distance of each measured point from the curve over frequency, in standard uncertainties; gross errors left out.
 
     Parameters
     ----------
@@ -94,6 +95,8 @@ def response_residual(measured: xr.Dataset, aligned: xr.Dataset) -> Figure:
     left = np.abs(complex_harmonics(aligned.sel(body=bodies)) - complex_harmonics(measured)) / of_parts
     rows = [(body, order) for body in range(len(bodies)) for order in range(len(orders))]
     in_frequency = (aligned["frequency"].values - measured["frequency"].values) / of_frequency
+    gross = gross_errors(aligned)
+    left[..., gross], in_frequency[gross] = np.nan, np.nan
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(TEXT_WIDTH * 1.1, 1.7 * (len(rows) + 1)), dpi=DPI, layout="constrained")
         grid = figure.subplots(len(rows) + 1, 1, sharex=True)

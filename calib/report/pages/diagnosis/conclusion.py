@@ -140,7 +140,7 @@ def _untried(diagnosis: DiagnosisResult) -> list[str]:
 def _faults(diagnosis: DiagnosisResult) -> list[str]:
     """Sentences on faults of the records: gross errors of responses, outliers and quantisation."""
     sentences = [
-        f"{capitalised(gross_errors_text(gross.record, gross.points, gross.frequencies))}."
+        f"{capitalised(gross_errors_text(gross.record, gross.points, gross.numbers, gross.frequencies))}."
         for gross in diagnosis.gross_errors
     ]
     if diagnosis.outliers:
