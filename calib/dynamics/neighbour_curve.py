@@ -12,7 +12,7 @@ from calib.dynamics.series_curve import SeriesCurve
 from calib.modelling.modal_system import Forces
 
 MAX_CURVE_CORRECTIONS = 12  # of Newton's method, with the derivatives of an earlier step where these serve
-MAX_CHORD_REDUCTION = 0.1  # of the largest residual by a step, above which derivatives are taken anew  [1]
+MAX_CHORD_REDUCTION = 0.1  # of the residual of a point by a step, above which derivatives are taken anew  [1]
 MAX_MATRIX_ENTRIES = 20_000_000  # of the derivatives at all points, which are held together: 160 MB
 MAX_SPACING_RATIO = 2.0  # of distances between neighbours on one curve over those on the other, and the inverse  [1]
 
@@ -37,7 +37,9 @@ def neighbour_curve(curve: SeriesCurve, known: np.ndarray) -> tuple[np.ndarray, 
     for _ in range(MAX_CURVE_CORRECTIONS):
         before, largest = largest, float(size.max())
         if largest <= RESIDUAL_TOLERANCE or MAX_ROUNDING_REDUCTION * before < largest <= ROUNDING_RESIDUAL:
-            return (z, _forces(curve, z)) if _is_beside(z, known) else None
+            forces = _forces(curve, z)  # NaN where instants do not resolve internal states
+            resolved = all(np.isfinite(own.value).all() for own in forces)
+            return (z, forces) if resolved and _is_beside(z, known) else None
         if not largest < before:  # true for NaN
             return None
         matrices[slow] = _linearised(curve, z[slow], normals[slow])
@@ -60,7 +62,14 @@ def first_order_curve(curve: SeriesCurve, known: np.ndarray) -> np.ndarray | Non
     """
     if _is_too_large(known):
         return None
-    z = _corrected(known, _linearised(curve, known, _normals(known)), curve.residuals(known))
+    residuals, matrices = np.empty((len(known), known.shape[1] - 1)), np.empty((*known.shape, known.shape[1]))
+    matrices[:, -1] = _normals(known)
+    for point, residual, matrix in zip(known, residuals, matrices, strict=True):
+        residual[:] = curve.residual(point)
+        if not np.isfinite(residual).all():  # internal states do not repeat, or instants do not resolve them
+            return None
+        matrix[:-1] = curve.derivative(point)
+    z = _corrected(known, matrices, residuals)
     return z if z is not None and _is_beside(z, known) else None
 
 
