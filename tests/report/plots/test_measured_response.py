@@ -75,8 +75,11 @@ def test_each_harmonic_has_panels_of_its_own():
     labels = [axes.get_ylabel() for axes in measured_and_simulated(record).axes]
     assert labels[::2] == ["mass: amplitude [mm]", "mass: harmonic 2 [mm]", "mass: harmonic 4 [um]"]
     assert labels[1::2] == 3 * ["Phase [deg]"]
-    residuals = [axes.get_ylabel() for axes in response_residual(record, record).axes]
+    panels = response_residual(record, record.assign(trust=("point", np.where(np.arange(size) == 2, 0.1, 1.0)))).axes
+    residuals = [axes.get_ylabel() for axes in panels]
     assert residuals == ["mass:\n|dH| / sigma", "mass:\n|dH_2| / sigma", "mass:\n|dH_4| / sigma", "dF / sigma"]
+    for axes in panels:  # a gross error is left out
+        assert np.isnan(np.concatenate([line.get_ydata() for line in axes.lines])).sum() == 1
 
 
 def test_what_is_below_its_bar_or_is_rounding_has_no_phase():
