@@ -85,7 +85,8 @@ class SimulatedRows:
     Attributes
     ----------
     rows : (row, n) channels of bodies, in the order of `Bench.rows` of the record
-    trust : (n,) in velocities, 0 next to an impact of the simulation
+    trust : (n,) in velocities, 0 next to an impact of the simulation; of a frequency response that in its distances,
+        which the rows have in them: less than 1 at a point in doubt that is far
     state : of the simulator at the end, from which the next run starts; None without one
     sweeps : curves of a frequency response, beside which those of the next run are sought
     nuisances : by name, in SI

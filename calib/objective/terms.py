@@ -35,7 +35,8 @@ class Feature(Protocol):
        angles of which one turn is this much; `aligned = False`: it wants the simulated record as it was simulated;
        `values(record, bodies)`: the same numbers as a bare array (body, channel, ...), where labels cost more;
        `trust(record)`: factors (channel, ...) in [0, 1] on the differences of sampled values, made of the simulated
-       record's variable `trust` (time), which is 0 where velocity jumps between two samples;
+       record's variable `trust` (time), which is 0 where velocity jumps between two samples, or (point), which is less
+       than 1 where a measured point of a frequency response is in doubt;
        `prepared(reference, bodies)`: the same feature with all that the reference alone decides, such as a grid of its
        amplitudes: a feature that is called with this reference and every simulation of it.
     5. It pickles, and does not change its record.

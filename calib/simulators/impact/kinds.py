@@ -1,7 +1,7 @@
 """Kernel functions of which problems of one kind have one, and those of another kind another.
 
-A kernel is compiled for each kind of problem, so that none pays for what only another needs: a rigid stop not for a
-compliant one, nor in the time that its compilation takes a motion without loads for those of laws and tables.
+A kernel is compiled for each kind of problem, so that none pays for what only another needs: a rigid stop does not take
+the time of a compliant one, and a motion without loads of laws or tables is compiled without these.
 """
 
 import inspect
