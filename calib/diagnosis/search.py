@@ -17,11 +17,7 @@ from calib.diagnosis.foresight import SHARE_OF_RIVALS, foresee_rivals, foresee_s
 from calib.diagnosis.free_form import with_best_forms
 from calib.diagnosis.prediction import Prediction
 from calib.diagnosis.refit import Fitter
-from calib.diagnosis.rivals import (
-    rival_suspects,
-    simplest,
-    with_possible_causes,
-)
+from calib.diagnosis.rivals import rival_suspects, simplest, with_possible_causes
 from calib.diagnosis.score import deviate
 from calib.diagnosis.screening import KnownDerivatives, screened
 from calib.diagnosis.suspect import Refitted, Scored, Screened, Suspect, cosine, is_testable, leading_variants

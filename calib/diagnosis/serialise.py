@@ -48,7 +48,7 @@ from calib.diagnosis.search import Round
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.suspect import Refitted, Scored, Suspect, cosine, leading_variants
 from calib.diagnosis.verdict import NOT_DIAGNOSABLE, UNEXPLAINED
-from calib.objective import MAX_GROSS_TRUST, MISFIT
+from calib.objective import MISFIT, gross_errors
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -104,7 +104,7 @@ def _gross_errors(selection: Selection, evidence: Evidence) -> tuple[GrossErrors
     found = []
     for part in evidence.parts:
         if part.frequency is not None:
-            places = np.flatnonzero(selection.final.point.simulated[part.name].trust < MAX_GROSS_TRUST)
+            places = gross_errors(selection.final.point.simulated[part.name].trust)
             if places.size:
                 numbers, frequencies = tuple((places + 1).tolist()), tuple(part.frequency[places].tolist())
                 found.append(GrossErrorsResult(part.name, part.time.size, numbers, frequencies))

@@ -154,7 +154,7 @@ class Point:
                 start=(starts or {}).get(name, view.start),
                 sweeps=view.sweeps,
                 to_first_order=to_first_order,
-            )  # fmt: skip
+            )
             for name, view in views
         ]
 

@@ -1,7 +1,7 @@
 """The distance of simulated records from measured ones."""
 
 from calib.objective.alignment import trusted
-from calib.objective.gross_errors import MAX_GROSS_TRUST, gross_errors, without_gross_errors
+from calib.objective.gross_errors import gross_errors, without_gross_errors
 from calib.objective.initial_state import Released, initial_state, simulations, with_initial_state
 from calib.objective.misfit import MISFIT, Squares, compared_rows, misfit, record_misfit, row_weights, squares_of
 from calib.objective.objective import Objective
@@ -12,7 +12,6 @@ from calib.objective.terms import INITIAL_STATE, Feature, Reference, Score, Term
 __all__ = [
     "CLOCK_RATE",
     "INITIAL_STATE",
-    "MAX_GROSS_TRUST",
     "MISFIT",
     "Feature",
     "FeatureValue",

@@ -53,8 +53,10 @@ def in_doubt(values: np.ndarray, sigma: np.ndarray, frequency: np.ndarray, parts
     apart = np.diff(real) ** 2 + np.diff(imaginary) ** 2
     steps = np.sqrt((apart / (variance[:, 1:] + variance[:, :-1])).sum(axis=0))
     doubted = np.zeros(count.size, dtype=bool)
+    least = (
+        max(largest_noise(parts, MIN_STEP_DEVIATION), MIN_JUMP_RATIO * float(np.median(steps))) if steps.size else 0.0
+    )
     for point in range(2, count.size - 2):
-        least = max(largest_noise(parts, MIN_STEP_DEVIATION), MIN_JUMP_RATIO * float(np.median(steps)))
         before, into, out = steps[point - 2 : point + 1]
         after = steps[point + 1 : point + 1 + SETTLING_POINTS].min()
         doubted[point] = into > max(least, MIN_JUMP_RATIO * before) and out > max(least, MIN_JUMP_RATIO * after)
@@ -79,12 +81,12 @@ def trust_at(square: np.ndarray, parts: int) -> np.ndarray:
     return (1.0 + most * (1.0 - np.exp((1.0 - ratio) / most))) / ratio
 
 
-def gross_errors(compared: xr.Dataset) -> np.ndarray:
-    """Indices of the points of a simulated response, as it is compared, whose measured ones are gross errors."""
-    return np.flatnonzero(compared["trust"].values < MAX_GROSS_TRUST)
+def gross_errors(trust: np.ndarray) -> np.ndarray:
+    """Indices of the points that are gross errors, by the trust (n,) in their distances from a simulated response."""
+    return np.flatnonzero(trust < MAX_GROSS_TRUST)
 
 
 def without_gross_errors(measured: xr.Dataset, compared: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Return a measured response and a simulated one, as it is compared, without the points that are gross errors."""
-    kept = np.setdiff1d(np.arange(measured.sizes["point"]), gross_errors(compared))
+    kept = np.setdiff1d(np.arange(measured.sizes["point"]), gross_errors(compared["trust"].values))
     return measured.isel(point=kept), compared.isel(point=kept)

@@ -33,7 +33,7 @@ def record_remarks(study: CalibrationStudy, best: Evaluation | Failure | None) -
 
 def _gross_errors(objective: Objective, name: str, best: Evaluation) -> Iterator[str]:
     frequencies = objective.references[name].record["frequency"].values
-    gross = gross_errors(objective.aligned(name, best.records[name]))
+    gross = gross_errors(objective.aligned(name, best.records[name])["trust"].values)
     if gross.size:
         yield gross_errors_text(name, frequencies.size, (gross + 1).tolist(), frequencies[gross].tolist())
 

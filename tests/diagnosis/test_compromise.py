@@ -11,7 +11,7 @@ from calib.diagnosis.criteria import CRITERIA
 SAMPLES = 5000  # residuals
 STD = float(np.sqrt(2.0 * SAMPLES))  # of the chi-square of noise
 SIGNIFICANT, DOMINANT = CRITERIA.significance_std * STD, CRITERIA.dominant_excess * STD**2  # excess chi-squares
-FITTER = SimpleNamespace(evidence=SimpleNamespace(counted=lambda: float(SAMPLES)))
+FITTER = SimpleNamespace(evidence=SimpleNamespace(parts=(), counted=lambda: float(SAMPLES)))
 
 
 def state(excess, rejected=None, causes=()):

@@ -22,7 +22,7 @@ class Linear:
     def __init__(self, own, remaining, spent=False, unreliable=0.0):
         self.own, self.remaining, self.unreliable = own, remaining, unreliable
         self.attempt = lambda step: None if spent else step()
-        self.reliable = SimpleNamespace(counted=lambda: float(SAMPLES))
+        self.reliable = SimpleNamespace(parts=(), counted=lambda: float(SAMPLES))
         self.evidence = SimpleNamespace(with_weights=lambda simulated: self.reliable)
 
     def fit(self, names):

@@ -87,7 +87,7 @@ def compared(of_guess, of_form, attempt=lambda step: step(), form_of_cause=1, ot
         assert [(c.name, c.form) for c in candidates] == [("stribeck", tuple(FORM))]
         return fit(from_dahl, **{name: 3.0 * value for name, value in FORM.items()})
 
-    evidence = SimpleNamespace(counted=lambda: 100.0, with_weights=lambda views: None)
+    evidence = SimpleNamespace(parts=(), counted=lambda: 100.0, with_weights=lambda views: None)
     fitter = InTurn(evidence=evidence, fit=fitted, with_derivatives=lambda model: model, attempt=attempt)
     latest = with_general_laws(fitter, state)
     [(cause, rivals)] = latest.causes

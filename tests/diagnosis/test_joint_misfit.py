@@ -17,7 +17,7 @@ def evidence(name, seed):
     columns, nuisance = rng.standard_normal((n, 3)), rng.standard_normal((n, 1))
     residual = columns @ [*TRUE, 4.0] + 9.0 * nuisance[:, 0] + rng.standard_normal(n)
     own = SimpleNamespace(
-        names=[name], residual=lambda _: residual, tangents=lambda _: nuisance, counted=lambda: float(n),
+        parts=(), names=[name], residual=lambda _: residual, tangents=lambda _: nuisance, counted=lambda: float(n),
         of=lambda _: slice(0, n),
     )  # fmt: skip
     return own, {}, {name: columns}

@@ -109,7 +109,7 @@ def test_a_calibrated_model_at_the_edge_of_its_windows_is_fitted_from_their_midd
         return SimpleNamespace(chi2=chi2, names=("damping",), point="middle", columns=none, nuisances=none)
 
     fitter = SimpleNamespace(
-        evidence=SimpleNamespace(counted=lambda: 1000.0),
+        evidence=SimpleNamespace(parts=(), counted=lambda: 1000.0),
         is_at_an_edge=lambda fit: at_an_edge,
         in_the_middle=lambda fit: model(9000.0),
         fit=lambda start, columns, rival: model(again),

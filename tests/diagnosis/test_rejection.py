@@ -12,7 +12,7 @@ from calib.diagnosis.rejection import is_negligible
 
 SAMPLES, WHOLE = 5000, 100_000.0  # residuals, and the excess chi-square of the calibrated model
 STD = float(np.sqrt(2.0 * SAMPLES))
-EVIDENCE = SimpleNamespace(counted=lambda: float(SAMPLES))
+EVIDENCE = SimpleNamespace(parts=(), counted=lambda: float(SAMPLES))
 
 
 def fit(excess):

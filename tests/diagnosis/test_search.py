@@ -17,7 +17,7 @@ from calib.diagnosis.rivals import (
 from calib.diagnosis.search import _refits, _refits_from_the_middle, _similar_to_the_best
 
 SIZE, LIMIT = 1000.0, 3.4
-EVIDENCE = SimpleNamespace(counted=lambda: SIZE)
+EVIDENCE = SimpleNamespace(parts=(), counted=lambda: SIZE)
 
 
 def suspect(name, parameters, reduction, chi2, generalises=(), most=4):

@@ -112,12 +112,8 @@ def _response_picture(
     caption = HELD_RESPONSE if is_held(measured) else RESPONSE
     if aligned is None:
         return pictured(response_over_frequency(measured, None), f"response-{name}", caption)
-    return pictured(response_over_frequency(measured, simulated, gross_errors(aligned)), f"response-{name}", caption)
-
-
-def _response_residual_picture(name: str, measured: xr.Dataset, aligned: xr.Dataset, bound: str) -> Picture | None:
-    """Picture of the distances of a measured response, without gross errors; bound: what its caption adds."""
-    return pictured(response_residual(measured, aligned), f"residual-{name}", RESPONSE_RESIDUAL + bound)
+    drawn = response_over_frequency(measured, simulated, gross_errors(aligned["trust"].values))
+    return pictured(drawn, f"response-{name}", caption)
 
 
 def record_section(
@@ -158,7 +154,7 @@ def record_section(
     residuals: list[Picture | None] = []
     if reference.use == "calibrate" and aligned is not None and simulated is not None:
         residuals = (
-            [_response_residual_picture(name, drawn, aligned, bound)]
+            [pictured(response_residual(drawn, aligned), f"residual-{name}", RESPONSE_RESIDUAL + bound)]
             if response
             else _residuals(name, drawn, aligned, simulated, bound)
         )

@@ -95,7 +95,7 @@ def response_residual(measured: xr.Dataset, aligned: xr.Dataset) -> Figure:
     left = np.abs(complex_harmonics(aligned.sel(body=bodies)) - complex_harmonics(measured)) / of_parts
     rows = [(body, order) for body in range(len(bodies)) for order in range(len(orders))]
     in_frequency = (aligned["frequency"].values - measured["frequency"].values) / of_frequency
-    gross = gross_errors(aligned)
+    gross = gross_errors(aligned["trust"].values)
     left[..., gross], in_frequency[gross] = np.nan, np.nan
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(TEXT_WIDTH * 1.1, 1.7 * (len(rows) + 1)), dpi=DPI, layout="constrained")

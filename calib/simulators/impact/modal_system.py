@@ -244,7 +244,6 @@ def _evaluate(
     """Write sums of the laws (3, place, instant): value, and derivatives by position and rate with `states` held.
 
     out : (1, place, instant) where the value alone is asked for
-
     states : (place, instant, law, STATES); without any, of one instant
     """
     dz = np.zeros(STATES)
