@@ -20,7 +20,7 @@ def straight(values):
 class Evidence:
     """One record of one channel with noise of unit standard deviation."""
 
-    names, parts = ("record",), ("record",)
+    names, parts = ("record",), (SimpleNamespace(name="record", is_swept=False),)
 
     def __init__(self, measured):
         self.measured = measured
