@@ -23,7 +23,7 @@ NONE = np.zeros(4)
 class InQuarters(Evidence):
     """The line, of which one quarter after the other is left out."""
 
-    parts = (SimpleNamespace(name="record", period=None, level=None, time=TIME, nuisance=()),)
+    parts = (SimpleNamespace(name="record", is_swept=False, period=None, level=None, time=TIME, nuisance=()),)
 
     def counted(self):
         return float(TIME.size)
