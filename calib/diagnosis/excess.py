@@ -17,7 +17,17 @@ def excess_chi2(evidence: Evidence, fit: Fit) -> float:
 
     What gross errors leave of it is none: no model comes near them.
     """
-    return fit.chi2 - _of_gross_errors(evidence, fit) - degrees_of_freedom(evidence, fit)
+    return _beyond_noise(fit.chi2, evidence, fit)
+
+
+def excess_over(evidence: Evidence, fit: Fit) -> float:
+    """Return the same over (other) evidence, such as where the simulations of another model are reliable too."""
+    return _beyond_noise(fit.chi2_over(evidence), evidence, fit)
+
+
+def _beyond_noise(chi2: float, evidence: Evidence, fit: Fit) -> float:
+    """Chi-square of a fit over some evidence, less that of gross errors and the mean of noise."""
+    return chi2 - _of_gross_errors(evidence, fit) - degrees_of_freedom(evidence, fit)
 
 
 def _of_gross_errors(evidence: Evidence, fit: Fit) -> float:
@@ -29,11 +39,6 @@ def _of_gross_errors(evidence: Evidence, fit: Fit) -> float:
             own = fit.residual[evidence.of(part.name)].reshape(len(part.rows), -1)[:, doubted]
             excess += max(0.0, float(np.square(own).sum()) - own.size)
     return excess
-
-
-def excess_over(evidence: Evidence, fit: Fit) -> float:
-    """Return the same over (other) evidence, such as where the simulations of another model are reliable too."""
-    return fit.chi2_over(evidence) - degrees_of_freedom(evidence, fit)
 
 
 def chi2_std(evidence: Evidence) -> float:
