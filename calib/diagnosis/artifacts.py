@@ -15,7 +15,7 @@ from calib.diagnosis.serialise import diagnosis_result
 from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.interrupt import uninterrupted
-from calib.objective import Reference
+from calib.objective import Reference, gross_errors
 from calib.store.document import read_document, write_document
 
 NAME = "diagnosis.json"
@@ -71,7 +71,8 @@ def motions(diagnosis: Diagnosis, references: Mapping[str, Reference]) -> dict[s
     its innovation, in the row's unit), memory (row, lag; coefficients of its autoregression), and
     the coordinates body, channel, unit and source (from which sigma is estimated). time [s]. Attributes: cycle (of the
     motion, in periods) and, where the excitation has one, period [s]. Of a frequency response time numbers the points,
-    of which frequency [Hz], level, sweep and direction are coordinates; its rows are in standard uncertainties.
+    of which frequency [Hz], level, sweep, direction and gross_error (1 of a gross error beside the extended model) are
+    coordinates; its rows are in standard uncertainties.
     """
     if diagnosis.selection is None or diagnosis.evidence is None:
         return {}
@@ -96,11 +97,7 @@ def _motion(part: Part, selection: Selection, reference: Reference) -> xr.Datase
         "innovation": ("row", [noise.sigma * noise.innovation for noise in part.noise]),
         "memory": (("row", "lag"), ar),
     }
-    points = {
-        name: ("time", record[name].values, record[name].attrs)
-        for name in ("frequency", "level", "sweep", "direction")
-        if part.is_swept
-    }
+    points = _points(record, selection.final.point.simulated[part.name].trust) if part.is_swept else {}
     return xr.Dataset(
         {name: (over, rows) for name, rows in views.items()} | noises,
         coords=points
@@ -113,3 +110,17 @@ def _motion(part: Part, selection: Selection, reference: Reference) -> xr.Datase
         },
         attrs={"cycle": part.cycle} | ({} if part.period is None else {"period": part.period}),
     )
+
+
+def _points(response: xr.Dataset, trust: np.ndarray) -> dict[str, tuple[str, np.ndarray, dict[str, str]]]:
+    """What is known of each point of a frequency response, as coordinates over time.
+
+    trust : (n,) in the distance of each point from the response of the extended model
+    """
+    known = {
+        name: ("time", response[name].values, dict(response[name].attrs))
+        for name in ("frequency", "level", "sweep", "direction")
+    }
+    gross = np.zeros(trust.size, dtype=np.int8)
+    gross[gross_errors(trust)] = 1
+    return known | {"gross_error": ("time", gross, {"units": "1"})}

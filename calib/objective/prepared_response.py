@@ -28,6 +28,7 @@ from calib.records.response import (
     tolerances,
     with_harmonics,
 )
+from calib.records.sweep_names import sweep_names
 
 SAMPLES_PER_INTERVAL = 16  # of the curve between two of its points, where the nearest one is sought
 MAX_FOOT_STEPS = 6  # of Newton's method to the nearest point of the curve
@@ -53,6 +54,7 @@ class PreparedResponse:
         self._orders = len(harmonic_orders(self.record))
         self._higher_sigma = harmonic_tolerances(self.record)[1:]
         self._parts = len(self._rows) * (2 if has_phase(self.record) else 1)
+        self._sweep_names = sweep_names(self.record)
         self._in_doubt = self._points_in_doubt()
 
     def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
@@ -188,7 +190,7 @@ class PreparedResponse:
                 error = float(np.sqrt(np.sum(4.0 * noise[points] ** 2 * square + 2.0 * by_noise * noise[points] ** 2)))
                 mean = max(float(np.mean(amplitude[points] ** 2 - by_noise)), 0.0)
                 size, reach = np.sqrt(mean), np.sqrt(mean + 2.0 * error / points.size)
-                name = f"rms harmonic {order}{at} in sweep {sweep:g}"
+                name = f"rms harmonic {order}{at} ({self._sweep_names[sweep]})"
                 found[name] = Scalar(float(size), "m", float(reach - size), resolution=0.5 * float(reach - size))
         return found
 
@@ -221,9 +223,10 @@ class PreparedResponse:
                 float(np.hypot(part / np.sqrt(6.0), sigma))
                 for part, sigma in ((step, of_frequency[top]), (change, of_parts[row, top]))
             )
-            label = "largest amplitude at one level in sweep" if is_held(self.record) else "largest amplitude in sweep"
-            peaks[f"{label} {sweep:g}"] = Scalar(float(own[top]), "m", resolution=level)
-            peaks[f"frequency of the {label} {sweep:g}"] = Scalar(float(frequency[top]), "Hz", resolution=known)
+            at = " at one level" if is_held(self.record) else ""
+            label = f"largest amplitude{at} ({self._sweep_names[sweep]})"
+            peaks[label] = Scalar(float(own[top]), "m", resolution=level)
+            peaks[f"frequency of the {label}"] = Scalar(float(frequency[top]), "Hz", resolution=known)
         return peaks
 
 

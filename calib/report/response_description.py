@@ -8,16 +8,14 @@ import xarray as xr
 from calib.records.held_response import as_measured, is_held
 from calib.records.response import (
     HELD,
-    HELD_AMPLITUDE,
     complex_amplitude,
     complex_harmonics,
     harmonic_orders,
     order_of_part,
     sweeps,
 )
+from calib.records.sweep_names import level_text, range_text
 from calib.units import shown
-
-STEADY_LEVEL = 0.02  # range of the level of a sweep over its largest, up to which it is told as one  [1]
 
 
 def part_text(part: str) -> str:
@@ -46,22 +44,6 @@ def levels_text(record: xr.Dataset) -> str:
     unit, level = str(record["level"].attrs["units"]), as_measured(record)["level"].values
     low, high = shown(float(level.min()), unit), shown(float(level.max()), unit)
     return low if low == high else f"{low} to {high}"
-
-
-def level_text(record: xr.Dataset, points: np.ndarray | slice) -> str:
-    """What was set at points, such as those of a sweep, or its range where it follows the frequency.
-
-    That is the amplitude of the excitation, or that of a body at which this was held.
-    """
-    if is_held(record):
-        return f"{record.attrs[HELD]} held at {_range(record[HELD_AMPLITUDE].values[points], 'm')}"
-    return _range(record["level"].values[points], str(record["level"].attrs["units"]))
-
-
-def _range(values: np.ndarray, unit: str) -> str:
-    if np.ptp(values) <= STEADY_LEVEL * values.max():
-        return shown(float(np.median(values)), unit)
-    return f"{shown(float(values.min()), unit)} .. {shown(float(values.max()), unit)}"
 
 
 def gross_errors_text(name: str, size: int, numbers: Sequence[int], frequencies: Sequence[float]) -> str:
@@ -98,7 +80,7 @@ def response_description(record: xr.Dataset) -> Iterator[str]:
         if is_held(record):
             least = points[int(np.argmin(levels[points]))]
             at = shown(float(record["frequency"].values[least]), "Hz", 6)
-            size = _range(levels[points], unit)
+            size = range_text(levels[points], unit)
             yield (
                 f"sweep {sweep:g} {way}, {level_text(record, points)}, {points.size} points: level {size}, the least "
                 f"at {at}{_largest_harmonics(as_measured(record), record.attrs[HELD], points)}"

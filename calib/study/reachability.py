@@ -8,6 +8,7 @@ from calib.store import Trial
 from calib.units import shown
 
 REQUIRED = frozenset(("label", "record", "body", "unit", "measured", "simulated", "tolerance"))  # keys of a feature
+MAX_ZERO_SHARE = 1e-9  # of what was measured: a simulated value below that is rounding, told as 0  [1]
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,13 @@ def _reach(features: Sequence[Mapping[str, Any]]) -> Reach:
     if not simulated:
         return Reach(**known, tolerance=tolerance, low=None, high=None, nearest=None, off=None, reached=False)
     off = max(0.0, min(simulated) - measured, measured - max(simulated))
+    nearest = min(simulated, key=lambda value: abs(value - measured))
     return Reach(
         **known,
         tolerance=tolerance,
         low=min(simulated),
         high=max(simulated),
-        nearest=min(simulated, key=lambda value: abs(value - measured)),
+        nearest=0.0 if abs(nearest) < MAX_ZERO_SHARE * abs(measured) else nearest,
         off=off,
         reached=off <= tolerance,
     )

@@ -63,7 +63,7 @@ def test_a_quadratic_spring_is_named_by_the_second_harmonic(tmp_path):
     assert said["verdict"] == "named"
     assert said["causes"] == ["quadratic_stiffness"]
     unreachable = json.loads((tmp_path / "whole" / "out" / "result.json").read_text())["unreachable"]
-    assert [one["feature"] for one in unreachable] == ["rms harmonic 2 in sweep 1"], "that of sweep 0 noise hides"
+    assert [one["feature"] for one in unreachable] == ["rms harmonic 2 (4 N, up)"], "that at 2 N noise hides"
     [spring] = [one for one in said["suspects"] if one["effect"] == "quadratic_stiffness"]
     low, high = spring["interval"]["k2"]
     assert abs(spring["size"]["k2"] - K2) < 0.75 * (high - low)  # 3 standard errors

@@ -143,7 +143,7 @@ def test_the_rms_of_a_harmonic_is_a_feature_less_what_noise_adds_to_it():
     record = response(MEASURED, exact + noise, sigma=sigma)
     judged = objective(record, "mass").judged({"a": simulated((1.0, 0.0, 0.0))})[1]
     features = {feature.label: feature for feature in judged if feature.body == "mass"}
-    second, third = (features[f"rms harmonic {order} in sweep 0"] for order in (2, 3))
+    second, third = (features[f"rms harmonic {order} (1 N, up)"] for order in (2, 3))
     assert second.measured == pytest.approx(np.sqrt(np.mean(np.abs(exact[1, 0]) ** 2)), rel=0.05)
     assert second.simulated == 0.0
     assert second.tolerance < 0.1 * second.measured, "a model without it does not reach it"

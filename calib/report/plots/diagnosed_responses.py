@@ -18,6 +18,8 @@ NOISE = "#e4e4e4"  # band of the noise of a point
 def response_residual_figure(motion: xr.Dataset, label: str = "") -> Figure | None:
     """Residual of each part of each body over frequency, a colour a level; beside it that of the extended model.
 
+    Gross errors are left out.
+
     label : name of the extended model, whose residual is drawn too where there is one
     """
     compared = compared_rows(motion)
@@ -46,6 +48,8 @@ def _residual(axes: Axes, motion: xr.Dataset, row: int, residual: np.ndarray) ->
     axes.axhspan(-2.0 * sigma, 2.0 * sigma, color=NOISE, linewidth=0, zorder=0)
     axes.axhline(0.0, color=LINE, linewidth=0.6, zorder=1)
     counts = motion.weight.values[row] > 0.0
+    if "gross_error" in motion:
+        counts &= motion["gross_error"].values == 0
     for points, look in sweep_look(motion):
         own = points[counts[points]]
         axes.plot(motion.frequency.values[own], residual[own], markersize=3.5, linewidth=0.6, **look)

@@ -24,8 +24,8 @@ from calib.records.response import (
     sweeps,
     tolerances,
 )
+from calib.records.sweep_names import sweep_names
 from calib.report.plots.style import DPI, LINE, MARK, STYLE, TEXT_WIDTH, Look, fitted_legend, png
-from calib.report.response_description import level_text
 from calib.units import shown_unit
 
 SWEEPS = mpl.colormaps["viridis"]  # colours of the sweeps, by rising level
@@ -137,12 +137,11 @@ def sweep_legend(figure: Figure, measured: xr.Dataset, *others: Artist) -> None:
 
 def sweep_entries(measured: xr.Dataset) -> list[Artist]:
     """Entries of a legend of the sweeps: level and direction; the first few of many."""
-    colours, markers, handles = _colours(measured), _markers(measured), list[Artist]()
-    for sweep, points in sweeps(measured)[:MAX_LEGEND_SWEEPS]:
-        way = "up" if markers[sweep] == UP else "down"
-        label = f"{level_text(measured, points)}, {way}"
-        handles.append(Line2D([], [], color=colours[sweep], marker=markers[sweep], linestyle="none", label=label))
-    return handles
+    colours, markers, names = _colours(measured), _markers(measured), list(sweep_names(measured).items())
+    return [
+        Line2D([], [], color=colours[sweep], marker=markers[sweep], linestyle="none", label=name)
+        for sweep, name in names[:MAX_LEGEND_SWEEPS]
+    ]
 
 
 def _colours(measured: xr.Dataset) -> dict[float, tuple[float, float, float, float]]:

@@ -25,11 +25,11 @@ def measured_and_simulated(record):
     return response_over_frequency(record, record.assign(piece=("point", record.sweep.values)))
 
 
-def diagnosed(record):
+def diagnosed(record, **points):
     over, rows = ("row", "time"), np.ones((2, record.sizes["point"]))
     views = {"measured": rows, "calibrated": rows, "extended": rows, "weight": rows}
-    points = {name: ("time", record[name].values, record[name].attrs) for name in
-              ("frequency", "level", "sweep", "direction")}  # fmt: skip
+    points |= {name: ("time", record[name].values, record[name].attrs) for name in
+               ("frequency", "level", "sweep", "direction")}  # fmt: skip
     of_rows = {"body": ["mass", "mass"], "channel": PARTS, "unit": ["1", "1"]}
     return response_residual_figure(
         xr.Dataset(
@@ -80,6 +80,15 @@ def test_each_harmonic_has_panels_of_its_own():
     assert residuals == ["mass:\n|dH| / sigma", "mass:\n|dH_2| / sigma", "mass:\n|dH_4| / sigma", "dF / sigma"]
     for axes in panels:  # a gross error is left out
         assert np.isnan(np.concatenate([line.get_ydata() for line in axes.lines])).sum() == 1
+
+
+def test_gross_errors_have_no_residual_in_the_picture_of_a_diagnosis():
+    record = sweeps_up_and_down([1.0], 0.4)
+    gross = np.zeros(record.sizes["point"], dtype=np.int8)
+    gross[[3, 12]] = 1
+    panel = diagnosed(record, gross_error=("time", gross)).axes[0]
+    drawn = [line.get_xdata().size for line in panel.lines if line.get_marker() in ("^", "v")]
+    assert drawn == [8, 8]
 
 
 def test_what_is_below_its_bar_or_is_rounding_has_no_phase():

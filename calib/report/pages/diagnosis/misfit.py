@@ -35,8 +35,9 @@ RESIDUALS_IN_TIME = (
 RESIDUALS_OVER_FREQUENCY = (
     "Distance of each measured point from the simulated curve of its sweep, in standard uncertainties: where the curve "
     "is steep, that in frequency counts in the place of the part along it. A colour a level, triangles in the "
-    "direction of the sweep; the grey band is two standard deviations of the noise."
+    "direction of the sweep; the grey band is two standard deviations of the noise.{gross}"
 )
+GROSS_ERRORS = " Gross errors, named above, are left out."
 GREEN = ", green by the extended one"
 IMPACTS = "; where the background is orange, beside impacts, velocity is not compared"
 LOOPS = (
@@ -169,8 +170,9 @@ def record_residuals(motions: Mapping[str, xr.Dataset], label: str) -> list[Reco
     for name in sorted(motions, key=lambda name: -rms_over_noise(motions[name])):
         motion = motions[name]
         if "sweep" in motion.coords:
-            figure, caption = response_residual_figure(motion, label), RESIDUALS_OVER_FREQUENCY
-            picture = pictured(figure, f"diagnosed-{name}", caption)
+            gross = GROSS_ERRORS if motion.get("gross_error", np.zeros(1)).any() else ""
+            caption = RESIDUALS_OVER_FREQUENCY.format(gross=gross)
+            picture = pictured(response_residual_figure(motion, label), f"diagnosed-{name}", caption)
             if picture is not None:
                 residuals.append(RecordResidual(name, picture))
             continue
