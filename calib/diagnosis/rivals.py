@@ -48,11 +48,12 @@ def special_cases(
 def within_reach(evidence: Evidence, rivals: Sequence[Refitted], possible: Sequence[Refitted]) -> list[Refitted]:
     """Possible causes that are no rivals with the form they are tried with, and that a better one might make the best.
 
-    What separates them from the best is less than this leaves above noise: a guess of the form may make that much. One
-    of each effect.
+    What separates them from the best is less than this may leave above noise, which is known to the standard deviation
+    of the chi-square of noise: a guess of the form may make that much. One of each effect.
     """
     best, known = rivals[0], {rival.name for rival in rivals}
-    least = best.chi2_reduction - max(0.0, excess_chi2(evidence, best.fit))
+    most_left = excess_chi2(evidence, best.fit) + CRITERIA.significance_std * chi2_std(evidence)
+    least = best.chi2_reduction - max(0.0, most_left)
     others = (s for s in possible if s.name not in known and s.candidate.bounds and s.chi2_reduction > least)
     return leading_variants(sorted(others, key=lambda s: -s.chi2_reduction))
 

@@ -56,6 +56,7 @@ class PreparedResponse:
         self._parts = len(self._rows) * (2 if has_phase(self.record) else 1)
         self._sweep_names = sweep_names(self.record)
         self._in_doubt = self._points_in_doubt()
+        self._sweeps_without_doubt = [(number, own[~self._in_doubt[own]]) for number, own in sweeps(self.record)]
 
     def failure(self, simulated: xr.Dataset) -> tuple[str, str] | None:
         """Status and reason of a response that cannot be compared, None where it can."""
@@ -160,9 +161,9 @@ class PreparedResponse:
         raise CalibError(f"{self.name}: a frequency response has no initial state that could be solved for")
 
     def features(self, pairs: set[tuple[str, str]], sensed: SensedRecord) -> list[FeatureValue]:
-        """Scalar features of each body in each sweep.
+        """Scalar features of each body in each sweep, at the measured frequencies where no gross error may be.
 
-        The largest amplitude at the measured frequencies, where it is, and the rms amplitude of each higher harmonic.
+        The largest amplitude, where it is, and the rms amplitude of each higher harmonic.
         """
         found: list[FeatureValue] = []
         measured, simulated = np.abs(complex_harmonics(self.record)), np.abs(complex_harmonics(sensed.raw))
@@ -184,7 +185,7 @@ class PreparedResponse:
         parts, at = 2 if has_phase(self.record) else 1, " at one level" if is_held(self.record) else ""
         found: dict[str, Scalar] = {}
         for order, amplitude, noise in zip(harmonic_orders(self.record)[1:], own, sigma, strict=True):
-            for sweep, points in sweeps(self.record):
+            for sweep, points in self._sweeps_without_doubt:
                 by_noise = parts * noise[points] ** 2
                 square = np.maximum(amplitude[points] ** 2 - by_noise, 0.0)
                 error = float(np.sqrt(np.sum(4.0 * noise[points] ** 2 * square + 2.0 * by_noise * noise[points] ** 2)))
@@ -214,7 +215,7 @@ class PreparedResponse:
         """
         peaks: dict[str, Scalar] = {}
         frequency, (of_frequency, of_parts) = self.record["frequency"].values, tolerances(self.record)
-        for sweep, points in sweeps(self.record):
+        for sweep, points in self._sweeps_without_doubt:
             place = int(np.argmax(own[points]))
             top, around = points[place], points[max(place - 1, 0) : place + 2]
             step = float(np.abs(np.diff(frequency[around])).mean()) if around.size > 1 else 0.0

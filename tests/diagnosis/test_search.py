@@ -135,13 +135,14 @@ def test_where_noise_is_left_no_suspect_is_behind_for_anything_else():
 @pytest.mark.parametrize(
     ("behind", "remainder", "bounds", "in_reach"),
     [
-        (24.0, 7.0, {"width": (1.0, 2.0)}, True),  # the best leaves 49 above noise
-        (60.0, 7.0, {"width": (1.0, 2.0)}, False),
-        (24.0, 0.0, {"width": (1.0, 2.0)}, False),  # there is nothing that a better form could explain
+        (180.0, 7.0, {"width": (1.0, 2.0)}, True),  # the best leaves 49 above noise, known to 3 * 44.7
+        (190.0, 7.0, {"width": (1.0, 2.0)}, False),
+        (130.0, 0.0, {"width": (1.0, 2.0)}, True),
+        (140.0, 0.0, {"width": (1.0, 2.0)}, False),
         (24.0, 7.0, {}, False),
     ],
 )
-def test_a_suspect_is_in_reach_whose_gap_to_the_best_is_less_than_that_leaves(behind, remainder, bounds, in_reach):
+def test_a_suspect_is_in_reach_whose_gap_to_the_best_is_less_than_that_may_leave(behind, remainder, bounds, in_reach):
     best, other = fitted("best", 500.0, remainder), fitted("other", 500.0 - behind, 0.0)
     other.candidate = SimpleNamespace(bounds=bounds)
     assert within_reach(EVIDENCE, (best,), [best, other]) == [other] * in_reach

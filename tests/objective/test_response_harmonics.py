@@ -151,3 +151,14 @@ def test_the_rms_of_a_harmonic_is_a_feature_less_what_noise_adds_to_it():
     alike = objective(record, "mass").judged({"a": simulated((1.0, 1.0, 0.01))})[1]
     for feature in (one for one in alike if one.label.startswith("rms")):
         assert abs(feature.simulated - feature.measured) < 1.5 * feature.tolerance
+
+
+def test_no_feature_is_read_from_a_point_that_may_be_a_gross_error():
+    own = harmonics(MEASURED)
+    spoilt, wrong = own.copy(), MEASURED.size - 6
+    spoilt[:, :, wrong] *= 50.0
+    [plain, out] = (objective(stated(one), "mass").judged({"a": simulated()})[1] for one in (own, spoilt))
+    before, after = ({feature.label: feature.measured for feature in features} for features in (plain, out))
+    assert before.keys() == after.keys()
+    assert after["largest amplitude (1 N, up)"] == pytest.approx(before["largest amplitude (1 N, up)"])
+    assert after["rms harmonic 2 (1 N, up)"] == pytest.approx(before["rms harmonic 2 (1 N, up)"], rel=0.1)

@@ -23,7 +23,7 @@ from calib.diagnosis.levels.trend import damping_trend, resonance_trend
 from calib.diagnosis.part import Part
 from calib.diagnosis.selection import Selection
 from calib.diagnosis.signature import Point
-from calib.objective import Reference
+from calib.objective import Reference, gross_errors
 from calib.records.held_response import is_held
 from calib.records.replicates import levels_of_sweeps
 from calib.records.response import HELD_AMPLITUDE, PARTS, complex_amplitude, sweeps, tolerances
@@ -40,10 +40,12 @@ class LevelledResponse:
     Attributes
     ----------
     reference, part : the record, and as a diagnosis compares it
+    gross : indices of its points that are gross errors, which no peak is read from
     """
 
     reference: Reference
     part: Part
+    gross: np.ndarray
 
     @cached_property
     def body(self) -> int:
@@ -66,7 +68,8 @@ class LevelledResponse:
     @cached_property
     def points(self) -> dict[float, np.ndarray]:
         """Points of each sweep that is long enough for a peak."""
-        return {n: points for n, points in sweeps(self.reference.record) if points.size >= MIN_PEAK_POINTS}
+        own = {number: np.setdiff1d(points, self.gross) for number, points in sweeps(self.reference.record)}
+        return {number: points for number, points in own.items() if points.size >= MIN_PEAK_POINTS}
 
     @cached_property
     def level(self) -> dict[float, float]:
@@ -120,7 +123,7 @@ def compared_levels(
     """
     several = [
         one
-        for one in (LevelledResponse(bench.objective.references[part.name], part) for part in parts if part.is_swept)
+        for one in (_levelled(part, bench, selection) for part in parts if part.is_swept)
         if len(set(one.group.values())) > 1
     ]
     models = _models(selection)
@@ -138,6 +141,11 @@ def compared_levels(
         known = {name: one.peaks(own[0, one.body]) for name, own in read.items() if own.shape[-1]}
         found.append(_result(one, known, bench, selection))
     return tuple(found)
+
+
+def _levelled(part: Part, bench: Bench, selection: Selection) -> LevelledResponse:
+    gross = gross_errors(selection.final.point.simulated[part.name].trust)
+    return LevelledResponse(bench.objective.references[part.name], part, gross)
 
 
 def _models(selection: Selection) -> dict[str, Point]:

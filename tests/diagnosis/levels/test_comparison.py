@@ -41,8 +41,8 @@ def sweeps(levels, dampings):
     )  # fmt: skip
 
 
-def compared(record):
-    """What is told of a record of which nothing was simulated."""
+def compared(record, gross=()):
+    """What is told of a record of which nothing was simulated, some of its points being gross errors."""
     rows = [(body, part) for body in ("base", "mass") for part in ("in_phase", "quadrature")]
     part = SimpleNamespace(
         name="levels", rows=rows, is_swept=True, noise=[Noise(1.0, np.zeros(0), STATED)] * 4, used=np.ones((4, 1))
@@ -50,8 +50,12 @@ def compared(record):
     bench = SimpleNamespace(
         objective=SimpleNamespace(references={"levels": SimpleNamespace(record=record)}), model=None
     )
+    trust = np.ones(record.sizes["point"])
+    trust[list(gross)] = 0.1
+    point = SimpleNamespace(simulated={"levels": SimpleNamespace(trust=trust)})
+    fit = SimpleNamespace(point=point)
     selection = SimpleNamespace(
-        causes=(), runners_up=(), null=SimpleNamespace(point=None), rounds=[SimpleNamespace(suspects=(), threshold=3.0)]
+        causes=(), runners_up=(), null=fit, final=fit, rounds=[SimpleNamespace(suspects=(), threshold=3.0)]
     )
     return compared_levels(NoSimulations(), bench, [part], selection)
 
@@ -68,6 +72,17 @@ def test_the_peaks_of_the_body_with_the_largest_amplitude_are_told_sweep_by_swee
     expected = [a / (20.0 * c) for a, c in ((0.1, 1.0), (0.2, 1.2), (0.4, 1.5))]
     assert [one.amplitude for one in levels.sweeps] == pytest.approx(expected, rel=0.01)
     assert all(one.resolved for one in levels.sweeps)
+
+
+def test_no_peak_is_read_from_a_gross_error():
+    record = sweeps((0.1, 0.2, 0.4), (1.0, 1.2, 1.5))
+    wrong = 2 * FREQUENCY.size - 3
+    spoilt = record.copy(deep=True)
+    spoilt["in_phase"].values[:, wrong] *= 100.0
+    amplitudes = [[one.amplitude for one in compared(own, gross)[0].sweeps]
+                  for own, gross in ((record, ()), (spoilt, (wrong,)), (spoilt, ()))]  # fmt: skip
+    assert amplitudes[1] == pytest.approx(amplitudes[0], rel=1e-9)
+    assert amplitudes[2][1] > 5.0 * amplitudes[0][1]
 
 
 def test_damping_that_grows_excludes_laws_whose_damping_falls():
