@@ -121,6 +121,5 @@ def _points(response: xr.Dataset, trust: np.ndarray) -> dict[str, tuple[str, np.
         name: ("time", response[name].values, dict(response[name].attrs))
         for name in ("frequency", "level", "sweep", "direction")
     }
-    gross = np.zeros(trust.size, dtype=np.int8)
-    gross[gross_errors(trust)] = 1
+    gross = np.isin(np.arange(trust.size), gross_errors(trust)).astype(np.int8)
     return known | {"gross_error": ("time", gross, {"units": "1"})}

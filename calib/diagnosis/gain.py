@@ -82,7 +82,8 @@ class Gain:
     unaffected : those of the records that no cause changes: they test only the rest of the model
     transfers, agreements, shifts : see there
     fitted_agree : whether the records of the fit agree on all sizes, without the records held out
-    of_one_motion : whether both models were fitted to a single record over time: a response is of many motions
+    of_one_time_record : whether both models were fitted to a single record, one over time: the points of a frequency
+        response are motions of their own
     cosine : of the angle between what the causes change in the records held out and the model error that is left there;
         -inf where noise alone is left, NaN where no record was held out or could be simulated  [1]
     joint : misfit of the extended model refitted to all records at once; None where none was held out, or could not be
@@ -101,7 +102,7 @@ class Gain:
     agreements: tuple[Agreement, ...] = ()
     shifts: tuple[Shift, ...] = ()
     fitted_agree: bool = True
-    of_one_motion: bool = False
+    of_one_time_record: bool = False
     cosine: float = np.nan
     joint: JointMisfit | None = None
 
@@ -124,7 +125,7 @@ class Gain:
         a prediction.
         """
         by_chance = self.cosine >= -CRITERIA.max_model_error_cosine
-        rises = self.after > self.before if self.of_one_motion else self.interval[1] < 0.0 and not by_chance
+        rises = self.after > self.before if self.of_one_time_record else self.interval[1] < 0.0 and not by_chance
         return self.kind == RECORDS and rises and set(self.unaffected) < set(self.records)
 
     def covers(self, other: "Gain") -> bool:
@@ -168,10 +169,9 @@ def gained(
     transfers += refitted_to_each_record(evidence, there, columns, significant_remainder, held=True)
     unaffected = tuple(name for name, own in columns.items() if not acting_causes(there, own))
     everything = [(fitter.evidence, final.point.simulated, fitted), (evidence, after, columns)]
-    one = [part.is_swept for part in fitter.evidence.parts] == [False]
     rest = {
         "shifts": shifts,
-        "of_one_motion": one,
+        "of_one_time_record": [part.is_swept for part in fitter.evidence.parts] == [False],
         "cosine": _cosine_with_model_error(evidence, before, after),
         "joint": joint_misfit(final, everything),
         **_sizes(transfers, threshold),

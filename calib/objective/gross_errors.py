@@ -34,8 +34,8 @@ def in_doubt(values: np.ndarray, sigma: np.ndarray, frequency: np.ndarray, parts
 
     The steps to it and from it are more than noise, and several times the median step, the step before, and one of the
     steps after: a jump from branch to branch is a single large step, and near a resonance that is resolved neighbouring
-    steps are alike. The point after it is in doubt too, as a motion decays. The first and last two are not: what comes
-    before or after them is not known. Points read again at a frequency count as one, by their mean.
+    steps are alike. The point after it is in doubt too, as a motion decays. The first two and the last are not:
+    what comes before or after them is not known. Points read again at a frequency count as one, by their mean.
 
     Parameters
     ----------

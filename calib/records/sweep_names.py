@@ -18,11 +18,15 @@ def sweep_names(record: xr.Dataset) -> dict[float, str]:
     The number is added where several have one level and direction.
     """
     names = {
-        number: f"{level_text(record, points)}, {'up' if record['direction'].values[points[0]] > 0.0 else 'down'}"
-        for number, points in sweeps(record)
+        number: f"{level_text(record, points)}, {direction_text(record, points)}" for number, points in sweeps(record)
     }
     same = Counter(names.values())
     return {number: name if same[name] == 1 else f"{name}, sweep {number:g}" for number, name in names.items()}
+
+
+def direction_text(record: xr.Dataset, points: np.ndarray) -> str:
+    """Direction, "up" or "down", of a sweep through these points."""
+    return "up" if record["direction"].values[points[0]] > 0.0 else "down"
 
 
 def level_text(record: xr.Dataset, points: np.ndarray | slice) -> str:

@@ -14,7 +14,7 @@ from calib.records.response import (
     order_of_part,
     sweeps,
 )
-from calib.records.sweep_names import level_text, range_text
+from calib.records.sweep_names import direction_text, level_text, range_text
 from calib.units import shown
 
 
@@ -76,7 +76,7 @@ def response_description(record: xr.Dataset) -> Iterator[str]:
     amplitude, stated = np.abs(complex_amplitude(record)), "response_sigma" in record
     levels, unit = as_measured(record)["level"].values, str(record["level"].attrs["units"])
     for sweep, points in sweeps(record):
-        way = "up" if record["direction"].values[points[0]] > 0.0 else "down"
+        way = direction_text(record, points)
         if is_held(record):
             least = points[int(np.argmin(levels[points]))]
             at = shown(float(record["frequency"].values[least]), "Hz", 6)

@@ -24,11 +24,13 @@ def test_a_record_in_which_no_cause_acts_refutes_none():
     ("after", "interval", "several", "alone"),
     [(0.2, (-0.12, -0.08), True, True), (0.11, (-0.03, 0.01), False, True), (0.09, (-0.01, 0.03), False, False)],
 )
-def test_causes_of_a_single_record_are_refuted_by_any_rise_of_the_misfit_held_out(after, interval, several, alone):
+def test_causes_of_a_single_record_over_time_are_refuted_by_any_rise_of_the_misfit_held_out(
+    after, interval, several, alone
+):
     gain = Gain(RECORDS, ("a",), 0.1, after, interval)
     assert gain.refutes == several
-    assert replace(gain, of_one_motion=True).refutes == alone
-    assert not replace(gain, of_one_motion=True, kind=BLOCKS).refutes
+    assert replace(gain, of_one_time_record=True).refutes == alone
+    assert not replace(gain, of_one_time_record=True, kind=BLOCKS).refutes
 
 
 def test_a_rise_that_a_model_error_makes_by_chance_refutes_several_records_not():
@@ -36,7 +38,7 @@ def test_a_rise_that_a_model_error_makes_by_chance_refutes_several_records_not()
     assert replace(gain, cosine=-0.7).refutes
     assert replace(gain, cosine=-np.inf).refutes
     assert not replace(gain, cosine=-0.5).refutes
-    assert replace(gain, cosine=-0.5, of_one_motion=True).refutes
+    assert replace(gain, cosine=-0.5, of_one_time_record=True).refutes
 
 
 @pytest.mark.parametrize(("loud", "held", "agree"), [(1.0, 1.2, True), (1.2, 1.0, False)])
