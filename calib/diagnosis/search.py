@@ -11,7 +11,7 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import SEARCH, SUSPECT, BudgetSpent
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_std, degrees_of_freedom, dominant, excess_chi2
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, excess_over
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.foresight import SHARE_OF_RIVALS, foresee_rivals, foresee_suspects
 from calib.diagnosis.free_form import with_best_forms
@@ -122,7 +122,7 @@ def _chosen(
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
         before = base.chi2_over(common)
-        excess = before - degrees_of_freedom(common, base)
+        excess = excess_over(common, base)
         refitted = [replace(s, chi2_reduction=before - s.fit.chi2_over(common)) for s in refitted]
         possible = [s for s in refitted if _is_possible(s, threshold)]
         rivals = rival_suspects(fitter.evidence, possible, threshold)

@@ -52,7 +52,7 @@ class LevelledResponse:
         """Number of the body with the largest amplitude, of those that are compared."""
         names = [str(name) for name in self.reference.record.body.values]
         compared = {body for (body, _), used in zip(self.part.rows, self.part.used, strict=True) if used.any()}
-        largest = np.abs(complex_amplitude(self.reference.record)).max(axis=1)
+        largest = np.delete(np.abs(complex_amplitude(self.reference.record)), self.gross, axis=1).max(axis=1)
         return int(np.argmax([size if name in compared else 0.0 for name, size in zip(names, largest, strict=True)]))
 
     @property

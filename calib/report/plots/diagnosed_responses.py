@@ -49,7 +49,7 @@ def _residual(axes: Axes, motion: xr.Dataset, row: int, residual: np.ndarray) ->
     axes.axhline(0.0, color=LINE, linewidth=0.6, zorder=1)
     counts = motion.weight.values[row] > 0.0
     if "gross_error" in motion:
-        counts &= motion["gross_error"].values == 0
+        residual = np.where(motion["gross_error"].values == 0, residual, np.nan)
     for points, look in sweep_look(motion):
         own = points[counts[points]]
         axes.plot(motion.frequency.values[own], residual[own], markersize=3.5, linewidth=0.6, **look)

@@ -85,6 +85,13 @@ def test_no_peak_is_read_from_a_gross_error():
     assert amplitudes[2][1] > 5.0 * amplitudes[0][1]
 
 
+def test_a_gross_error_does_not_make_a_body_the_one_with_the_largest_amplitude():
+    record = sweeps((0.1, 0.2, 0.4), (1.0, 1.2, 1.5))
+    wrong = 2 * FREQUENCY.size - 3
+    record["in_phase"].values[0, wrong] = 1e3
+    assert [compared(record, gross)[0].body for gross in ((wrong,), ())] == ["mass", "base"]
+
+
 def test_damping_that_grows_excludes_laws_whose_damping_falls():
     [levels] = compared(sweeps((0.1, 0.2, 0.4), (1.0, 1.2, 1.5)))
     [sentence] = said([replace(levels, laws=(DRAG, FRICTION))])

@@ -37,7 +37,7 @@ RESIDUALS_OVER_FREQUENCY = (
     "is steep, that in frequency counts in the place of the part along it. A colour a level, triangles in the "
     "direction of the sweep; the grey band is two standard deviations of the noise.{gross}"
 )
-GROSS_ERRORS = " Gross errors, named above, are left out."
+GROSS_ERRORS = " Gross errors beside the extended model, named above, are left out."
 GREEN = ", green by the extended one"
 IMPACTS = "; where the background is orange, beside impacts, velocity is not compared"
 LOOPS = (
