@@ -1,10 +1,14 @@
 """The excess chi-square of a fit: its sum of squared residuals less its degrees of freedom."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
 from calib.diagnosis.fit import Fit
+from calib.diagnosis.part import Part
 
 
 def degrees_of_freedom(evidence: Evidence, fit: Fit) -> float:
@@ -17,28 +21,44 @@ def excess_chi2(evidence: Evidence, fit: Fit) -> float:
 
     What gross errors leave of it is none: no model comes near them.
     """
-    return _beyond_noise(fit.chi2, evidence, fit)
+    return fit.chi2 - _of_noise(evidence, fit, fit.residual)
 
 
 def excess_over(evidence: Evidence, fit: Fit) -> float:
     """Return the same over (other) evidence, such as where the simulations of another model are reliable too."""
-    return _beyond_noise(fit.chi2_over(evidence), evidence, fit)
+    residual = fit.residual_over(evidence)
+    return float(residual @ residual) - _of_noise(evidence, fit, residual)
 
 
-def _beyond_noise(chi2: float, evidence: Evidence, fit: Fit) -> float:
-    """Chi-square of a fit over some evidence, less that of gross errors and the mean of noise."""
-    return chi2 - _of_gross_errors(evidence, fit) - degrees_of_freedom(evidence, fit)
+def _of_noise(evidence: Evidence, fit: Fit, residual: np.ndarray) -> float:
+    """Mean chi-square of the noise of these residuals, and the excess of their gross errors."""
+    return degrees_of_freedom(evidence, fit) + excess_of_gross_errors(evidence, fit.point.simulated, residual)
 
 
-def _of_gross_errors(evidence: Evidence, fit: Fit) -> float:
-    """Chi-square of the points in doubt that are far from the simulated response, beyond that of their noise."""
-    excess = 0.0
-    for part in evidence.parts:
-        if part.is_swept:
-            doubted = fit.point.simulated[part.name].trust < 1.0
-            own = fit.residual[evidence.of(part.name)].reshape(len(part.rows), -1)[:, doubted]
-            excess += max(0.0, float(np.square(own).sum()) - own.size)
-    return excess
+def excess_of_gross_errors(evidence: Evidence, simulations: Mapping[str, SimulatedRows], residual: np.ndarray) -> float:
+    """Chi-square of the gross errors among residuals (N,), beyond that of their noise."""
+    parts = ((part, residual[evidence.of(part.name)]) for part in evidence.parts)
+    return float(sum(gross_excess_by_row(part, simulations[part.name], own).sum() for part, own in parts))
+
+
+def gross_excess_by_row(part: Part, simulated: SimulatedRows, residual: np.ndarray) -> np.ndarray:
+    """Chi-square (row,) of the points of a response in doubt that are far from the simulated one, beyond their noise.
+
+    0 in a record that is no response.
+
+    Parameters
+    ----------
+    residual : (row x n,) of the record, in units of the noise
+    """
+    if not part.is_swept:
+        return np.zeros(len(part.rows))
+    doubted = residual.reshape(len(part.rows), -1)[:, simulated.trust < 1.0]
+    return np.maximum(0.0, np.square(doubted).sum(axis=1) - doubted.shape[1])
+
+
+def reduced_chi2(evidence: Evidence, fit: Fit) -> float:
+    """Chi-square of a fit without that of gross errors over its degrees of freedom, at least 1."""
+    return max(1.0, 1.0 + excess_chi2(evidence, fit) / max(1.0, degrees_of_freedom(evidence, fit)))
 
 
 def chi2_std(evidence: Evidence) -> float:

@@ -158,8 +158,12 @@ class Fit:
         """Value of a parameter, in SI."""
         return float(self.point.values[name])
 
+    def residual_over(self, evidence: Evidence) -> np.ndarray:
+        """Residual over (other) evidence, without what nuisances absorb, in units of the noise (N,)."""
+        simulated = self.point.simulated
+        return Projection(evidence.tangents(simulated))(evidence.residual(simulated))
+
     def chi2_over(self, evidence: Evidence) -> float:
         """Chi-square over (other) evidence, without what nuisances absorb."""
-        simulated = self.point.simulated
-        residual = Projection(evidence.tangents(simulated))(evidence.residual(simulated))
+        residual = self.residual_over(evidence)
         return float(residual @ residual)

@@ -15,7 +15,7 @@ from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.clock import clock_slopes
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import bias_std, chi2_std, excess_chi2, significant
+from calib.diagnosis.excess import bias_std, chi2_std, excess_chi2, excess_of_gross_errors, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gathering import cycle_of, gathered
 from calib.diagnosis.harmonic_excess import harmonic_excess, model_error_chi2
@@ -212,12 +212,12 @@ def _cosine_with_model_error(
 ) -> float:
     """Cosine between what causes change in records and the model error that is left, beyond the records' nuisances.
 
-    The square of the latter is the excess chi-square; -inf without any. The misfit rises where the cosine is below
-    minus half of the length of the change over that of the model error.
+    The square of the latter is the excess chi-square without that of gross errors; -inf without any. The misfit rises
+    where the cosine is below minus half of the length of the change over that of the model error.
     """
     nuisances = Projection(evidence.tangents(after))
     left, change = nuisances(evidence.residual(after)), nuisances(evidence.difference(before, after))
-    excess = float(left @ left) - (evidence.counted() - nuisances.rank)
+    excess = float(left @ left) - excess_of_gross_errors(evidence, after, left) - (evidence.counted() - nuisances.rank)
     size = float(np.linalg.norm(change)) * math.sqrt(max(0.0, excess))
     return float(left @ change) / size if size > 0.0 else -math.inf
 

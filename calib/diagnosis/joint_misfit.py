@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import significant
+from calib.diagnosis.excess import gross_excess_by_row, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.score import Projection
 
@@ -21,7 +21,7 @@ class JointMisfit:
 
     Attributes
     ----------
-    excess_chi2 : chi-square beyond the degrees of freedom
+    excess_chi2 : chi-square beyond the degrees of freedom, without that of gross errors
     chi2_std : standard deviation of the chi-square of noise alone
     values : of the parameters of the model, by name, in SI
     """
@@ -50,22 +50,25 @@ def joint_misfit(
         that record alone
     """
     count = len(fit.names)
-    slopes, residuals, degrees, counted = [], [], 0.0, 0.0
+    slopes, residuals, records, degrees, counted = [], [], [], 0.0, 0.0
     for evidence, simulations, columns in several:
         if set(columns) != set(evidence.names):
             return None
         residual, nuisances = evidence.residual(simulations), evidence.tangents(simulations)
         counted += evidence.counted()
-        for name in evidence.names:
-            own = evidence.of(name)
-            alone = Projection(np.column_stack([columns[name][:, count:], nuisances[own]]))
-            slopes.append(alone(columns[name][:, :count]))
+        for part in evidence.parts:
+            own, slope = evidence.of(part.name), columns[part.name]
+            alone = Projection(np.column_stack([slope[:, count:], nuisances[own]]))
+            slopes.append(alone(slope[:, :count]))
             residuals.append(alone(residual[own]))
+            records.append((part, simulations[part.name]))
             degrees -= alone.rank
     together, residual = np.vstack(slopes), np.concatenate(residuals)
     length = np.maximum(np.linalg.norm(together, axis=0), 1e-300)
     moves, _, rank, _ = np.linalg.lstsq(together / length, residual, rcond=JOINT_RANK_TOLERANCE)
     remaining = residual - together @ (moves / length)
     values = {name: fit.value(name) + float(move) for name, move in zip(fit.names, moves / length, strict=True)}
-    excess = float(remaining @ remaining) - (degrees + counted - int(rank))
+    pieces = np.split(remaining, np.cumsum([own.size for own in residuals])[:-1])
+    gross = sum(float(gross_excess_by_row(*record, own).sum()) for record, own in zip(records, pieces, strict=True))
+    excess = float(remaining @ remaining) - gross - (degrees + counted - int(rank))
     return JointMisfit(excess, math.sqrt(2.0 * counted), values)

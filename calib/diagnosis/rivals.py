@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_std, degrees_of_freedom, excess_chi2, significant
+from calib.diagnosis.excess import chi2_std, excess_chi2, reduced_chi2, significant
 from calib.diagnosis.score import deviate
 from calib.diagnosis.suspect import Refitted, Suspect, leading_variants
 
@@ -25,7 +25,7 @@ def rival_suspects(evidence: Evidence, refitted: Sequence[Refitted], threshold: 
     if not ordered:
         return ()
     best = ordered[0]
-    dispersion = _dispersion(evidence, best)
+    dispersion = reduced_chi2(evidence, best.fit)
     rivals = leading_variants(s for s in ordered if _is_rival(s, best, dispersion, threshold))
     return tuple(rival for rival in rivals if not _is_represented(rival, rivals, dispersion))
 
@@ -66,7 +66,7 @@ def chi2_of_another_rival(evidence: Evidence, rivals: Sequence[Refitted], other:
     """
     count, limits = other.candidate.max_parameter_count, []
     for rival in rivals:
-        further, dispersion = count - rival.parameter_count, _dispersion(evidence, rival)
+        further, dispersion = count - rival.parameter_count, reduced_chi2(evidence, rival.fit)
         fall = dispersion * _confidence_limit(further)
         rise = -fall if _contains(other, rival) else CRITERIA.aic_tie * dispersion - 2.0 * further
         limits.append(rival.fit.chi2 + rise)
@@ -76,7 +76,7 @@ def chi2_of_another_rival(evidence: Evidence, rivals: Sequence[Refitted], other:
 def not_refuted(evidence: Evidence, rivals: Sequence[Refitted], special: Sequence[Refitted]) -> list[Refitted]:
     """Special cases in the confidence region of the further parameters of the best rival (likelihood-ratio test)."""
     best = min(rivals, key=lambda s: s.aic_penalty - s.chi2_reduction)
-    dispersion = _dispersion(evidence, best)
+    dispersion = reduced_chi2(evidence, best.fit)
     return [s for s in special if _in_confidence_region(s, best, dispersion)]
 
 
@@ -140,8 +140,3 @@ def _in_confidence_region(special: Refitted, general: Refitted, dispersion: floa
 def _confidence_limit(further: int) -> float:
     """Rise of chi-square at the edge of the confidence region of so many further parameters (likelihood ratio)."""
     return float(chi2.ppf(CRITERIA.confidence_level, max(1, further)))
-
-
-def _dispersion(evidence: Evidence, best: Refitted) -> float:
-    """Reduced chi-square that the best leaves, at least 1."""
-    return max(1.0, best.fit.chi2 / max(1.0, degrees_of_freedom(evidence, best.fit)))

@@ -39,6 +39,7 @@ from calib.diagnosis.document import (
     TransferResult,
 )
 from calib.diagnosis.evidence import Evidence
+from calib.diagnosis.excess import gross_excess_by_row
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.gain import Gain
 from calib.diagnosis.measurement import DECISIVE_Z, Measurement
@@ -260,11 +261,13 @@ def _remainder(selection: Selection, evidence: Evidence) -> RemainderResult:
 
 
 def _excess_by_row(evidence: Evidence, fit: Fit) -> list[float]:
-    """Chi-square of each row of all records beyond its number of residuals that count."""
+    """Chi-square of each row of all records beyond its number of residuals that count, without that of gross errors."""
     excess = []
     for part in evidence.parts:
-        residual = fit.residual[evidence.of(part.name)].reshape(part.measured.shape)
-        excess += [float(row @ row) - float((w**2).sum()) for row, w in zip(residual, part.weight, strict=True)]
+        residual = fit.residual[evidence.of(part.name)]
+        gross = gross_excess_by_row(part, fit.point.simulated[part.name], residual)
+        squares = np.square(residual).reshape(part.measured.shape).sum(axis=1)
+        excess += (squares - gross - np.square(part.weight).sum(axis=1)).tolist()
     return excess
 
 

@@ -12,7 +12,7 @@ from calib.confidence.covariance import sandwich
 from calib.diagnosis.constancy import cochran, variation
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import bias_std, significant
+from calib.diagnosis.excess import bias_std, gross_excess_by_row, significant
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.refit import Fitter
 from calib.diagnosis.score import Projection, Signature, deviate
@@ -103,12 +103,12 @@ def refitted_to_each_record(
         if part.name not in columns:
             continue
         own, changed = evidence.of(part.name), acting_causes(final, columns[part.name])
+        gross = float(gross_excess_by_row(part, final.point.simulated[part.name], residual[own]).sum())
         for name in (name for c in final.candidates if c.name in changed for name in c.free):
             index = final.names.index(name)
             others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
-            alone = _refitted(
-                residual[own], columns[part.name][:, index], others, numbers[own], is_remainder_significant
-            )
+            column = columns[part.name][:, index]
+            alone = _refitted(residual[own], column, others, numbers[own], gross, is_remainder_significant)
             if alone is not None:
                 step, error, freedom, bias = alone
                 transfers.append(Transfer(part.name, name, final.value(name) + step, error, held, freedom, bias))
@@ -116,7 +116,12 @@ def refitted_to_each_record(
 
 
 def _refitted(
-    residual: np.ndarray, column: np.ndarray, others: np.ndarray, rows: np.ndarray, is_remainder_significant: bool
+    residual: np.ndarray,
+    column: np.ndarray,
+    others: np.ndarray,
+    rows: np.ndarray,
+    gross: float,
+    is_remainder_significant: bool,
 ) -> tuple[float, float, float, float] | None:
     """Step of one parameter, its standard error and its degrees of freedom, and the standard deviation of its bias.
 
@@ -130,6 +135,7 @@ def _refitted(
     Parameters
     ----------
     rows : (n,) number of the row that each residual belongs to
+    gross : excess chi-square of the record's gross errors
     is_remainder_significant : whether the model leaves more than noise in all records together
     """
     projection = Projection(others)
@@ -144,7 +150,7 @@ def _refitted(
     covariance, freedom = sandwich(alone[counted, None], remaining[counted], rows[counted])
     error = float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
     degrees = float(np.count_nonzero(remaining)) - projection.rank - 1.0
-    excess, std = float(remaining @ remaining) - degrees, math.sqrt(2.0 * max(degrees, 1.0))
+    excess, std = float(remaining @ remaining) - gross - degrees, math.sqrt(2.0 * max(degrees, 1.0))
     may_be_biased = is_remainder_significant or significant(excess, std)
     bias = bias_std(max(0.0, excess) + std, information) if may_be_biased else 0.0
     return step, error, max(1.0, float(freedom[0]) - projection.rank), bias  # the others take theirs

@@ -30,13 +30,14 @@ class Linear:
         left = self.remaining + sum(chi2 for name, chi2 in self.own.items() if name not in names)
         nothing = np.zeros((0, 0))
 
-        def chi2_over(evidence):
+        def residual_over(evidence):
             assert evidence is self.reliable
-            return SAMPLES + left
+            return np.sqrt([SAMPLES + left])
 
         return SimpleNamespace(
-            chi2=SAMPLES + left + self.unreliable, chi2_over=chi2_over, point=SimpleNamespace(simulated={}),
-            columns=nothing, nuisances=nothing, names=["stiffness", *names],
+            chi2=SAMPLES + left + self.unreliable, chi2_over=lambda evidence: float(residual_over(evidence)[0] ** 2),
+            residual_over=residual_over, residual=nothing, point=SimpleNamespace(simulated={}), columns=nothing,
+            nuisances=nothing, names=["stiffness", *names],
         )  # fmt: skip
 
     def with_derivatives(self, fit):

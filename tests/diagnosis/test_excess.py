@@ -17,7 +17,7 @@ def excess(trust, is_swept=True, of=excess_chi2):
     residual, none = RESIDUAL.ravel(), np.zeros((RESIDUAL.size, 0))
     chi2 = float(residual @ residual)
     fit = SimpleNamespace(
-        chi2=chi2, chi2_over=lambda _: chi2, residual=residual, columns=none, nuisances=none, point=point
+        chi2=chi2, residual_over=lambda _: residual, residual=residual, columns=none, nuisances=none, point=point
     )
     return of(evidence, fit)
 

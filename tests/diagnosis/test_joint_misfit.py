@@ -11,16 +11,16 @@ SIZES, TRUE = {"a": 60, "b": 40}, np.array([0.3, -2.0])
 FIT = SimpleNamespace(names=("k", "c"), value=lambda name: {"k": 5.0, "c": 7.0}[name])
 
 
-def evidence(name, seed):
+def evidence(name, seed, swept=False):
     """One record of noise and a change by both parameters, with a nuisance and a value of its own."""
     rng, n = np.random.default_rng(seed), SIZES[name]
     columns, nuisance = rng.standard_normal((n, 3)), rng.standard_normal((n, 1))
     residual = columns @ [*TRUE, 4.0] + 9.0 * nuisance[:, 0] + rng.standard_normal(n)
     own = SimpleNamespace(
-        parts=(), names=[name], residual=lambda _: residual, tangents=lambda _: nuisance, counted=lambda: float(n),
-        of=lambda _: slice(0, n),
+        parts=(SimpleNamespace(name=name, is_swept=swept, rows=("in_phase", "quadrature")),), names=[name],
+        residual=lambda _: residual, tangents=lambda _: nuisance, counted=lambda: float(n), of=lambda _: slice(0, n),
     )  # fmt: skip
-    return own, {}, {name: columns}
+    return own, {name: SimpleNamespace(trust=np.ones(n // 2))}, {name: columns}
 
 
 def test_all_records_share_the_parameters_and_each_has_its_own_nuisances():
@@ -44,6 +44,15 @@ def test_records_that_need_other_values_leave_a_misfit():
     shifted = SimpleNamespace(**{**vars(own), "residual": lambda _: own.residual(None) + 3.0 * columns["a"][:, 0]})
     assert joint_misfit(FIT, [(shifted, simulated, columns), other]).is_significant
     assert not joint_misfit(FIT, [(shifted, simulated, columns)]).is_significant
+
+
+def test_a_gross_error_of_a_response_is_no_misfit_of_the_model():
+    own, simulated, columns = evidence("a", 0, swept=True)
+    jump = 12.0 * (np.arange(SIZES["a"]) == 7)
+    gross = SimpleNamespace(**{**vars(own), "residual": lambda _: own.residual(None) + jump})
+    assert joint_misfit(FIT, [(gross, simulated, columns), evidence("b", 1)]).is_significant
+    simulated["a"].trust[7] = 0.3
+    assert not joint_misfit(FIT, [(gross, simulated, columns), evidence("b", 1)]).is_significant
 
 
 def test_a_record_without_derivatives_leaves_the_joint_misfit_unknown():

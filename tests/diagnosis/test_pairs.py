@@ -106,7 +106,8 @@ def test_a_cause_that_a_pair_would_replace_is_fitted_again_from_where_the_pair_w
 def test_a_calibrated_model_at_the_edge_of_its_windows_is_fitted_from_their_middle_too(at_an_edge, chi2, again, kept):
     def model(chi2):
         none = np.zeros((0, 0))
-        return SimpleNamespace(chi2=chi2, names=("damping",), point="middle", columns=none, nuisances=none)
+        point = SimpleNamespace(simulated={})
+        return SimpleNamespace(chi2=chi2, names=("damping",), point=point, columns=none, nuisances=none, residual=none)
 
     fitter = SimpleNamespace(
         evidence=SimpleNamespace(parts=(), counted=lambda: 1000.0),

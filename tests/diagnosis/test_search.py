@@ -22,7 +22,13 @@ EVIDENCE = SimpleNamespace(parts=(), counted=lambda: SIZE)
 
 def suspect(name, parameters, reduction, chi2, generalises=(), most=4):
     """Stand in for a suspect that reduces chi-square by `reduction` to `chi2`, of at most so many parameters."""
-    fit = SimpleNamespace(chi2=chi2, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)))
+    fit = SimpleNamespace(
+        chi2=chi2,
+        columns=np.zeros((0, 0)),
+        nuisances=np.zeros((0, 0)),
+        residual=np.zeros(0),
+        point=SimpleNamespace(simulated={}),
+    )
     penalty = 2.0 * parameters
     return SimpleNamespace(
         name=name, parameter_count=parameters, aic_penalty=penalty, chi2_reduction=reduction, fit=fit,

@@ -138,7 +138,7 @@ CAUSES: Mapping[str, Cause] = {
     "presliding": Cause(_dahl, (0.05, 0.15), (2e-3, 8e-3), ("presliding",)),
     "quadratic_stiffness": Cause(_square, (2e3, 4e3), (1.0, 1.0), ("quadratic_stiffness",)),
     "power_law_damping": Cause(_power, (1.0, 4.0), (2.5, 3.3), ("power_law_damping",)),
-    "bouc_wen": Cause(_bouc_wen, (0.1, 0.3), (4e-3, 1e-2), ("bouc_wen",), special="presliding"),
+    "bouc_wen": Cause(_bouc_wen, (0.2, 0.6), (2e-3, 3.5e-3), ("bouc_wen",), special="presliding"),
     "stribeck": Cause(_stribeck, (0.03, 0.08), (0.05, 0.2), ("stribeck",), special="presliding"),
     "iwan": Cause(_iwan, (0.15, 0.35), (7e-3, 1.2e-2), ("iwan",), states=20, special="bouc_wen"),
     "backlash": Cause(_play, (20.0, 80.0), (3e-3, 1.2e-2), ("backlash",)),
