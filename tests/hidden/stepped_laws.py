@@ -140,7 +140,7 @@ CAUSES: Mapping[str, Cause] = {
     "power_law_damping": Cause(_power, (1.0, 4.0), (2.5, 3.3), ("power_law_damping",)),
     "bouc_wen": Cause(_bouc_wen, (0.2, 0.6), (2e-3, 3.5e-3), ("bouc_wen",), special="presliding"),
     "stribeck": Cause(_stribeck, (0.03, 0.08), (0.05, 0.2), ("stribeck",), special="presliding"),
-    "iwan": Cause(_iwan, (0.15, 0.35), (7e-3, 1.2e-2), ("iwan",), states=20, special="bouc_wen"),
+    "iwan": Cause(_iwan, (0.25, 0.6), (4e-3, 8e-3), ("iwan",), states=20, special="bouc_wen"),
     "backlash": Cause(_play, (20.0, 80.0), (3e-3, 1.2e-2), ("backlash",)),
     "magnetic_attraction": Cause(_magnet, (1.2, 1.8), (0.08, 0.1), ("magnetic_attraction",)),
     "fractional_damping": Cause(
