@@ -86,7 +86,7 @@ def _round(
     evidence, base = fitter.evidence, state.final
     rest = [c for c in candidates if c.name not in state.names]
     outcome = search(fitter, base, rest, seed, excess_chi2(evidence, base) / chi2_std(evidence), state.known)
-    outcome = replace(outcome, excess_chi2_of_null=excess_chi2(evidence, state.null))
+    outcome = replace(outcome, chi2_of_null=state.null.chi2)
     chosen = outcome.chosen
     if chosen is None:
         return outcome, None

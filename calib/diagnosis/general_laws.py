@@ -8,7 +8,6 @@ from typing import TypeGuard
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import SUSPECT
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_std, excess_chi2
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.free_form import with_free_form
 from calib.diagnosis.prediction import Prediction
@@ -80,7 +79,7 @@ def _compared(fitter: Fitter, state: StepwiseState, general: Sequence[Suspect]) 
     latest = cause, with_possible_causes(evidence, found, [*rivals, *formed])
     if not any(rival in formed for rival in latest[1]):
         return state
-    last = _with_laws(evidence, state, latest, prediction)
+    last = _with_laws(state, latest, prediction)
     return replace(state, rounds=(*state.rounds[:-1], last), causes=(*state.causes[:-1], latest), final=cause.fit)
 
 
@@ -134,13 +133,13 @@ def _in_its_place(fitter: Fitter, state: StepwiseState, suspect: Refitted) -> tu
     return in_its_place, made.prediction, rejection(fitter.evidence, state.null, made, further=bool(earlier))
 
 
-def _with_laws(evidence: Evidence, state: StepwiseState, cause: Cause, prediction: Prediction | None) -> Round:
+def _with_laws(state: StepwiseState, cause: Cause, prediction: Prediction | None) -> Round:
     """Return the last search with a cause and its rivals as fitted since, their reductions in the noise of then.
 
-    Both noises differ as the excess chi-squares of the calibrated model do, where these exceed that of noise.
+    Both noises differ as the chi-squares of the calibrated model do.
     """
-    last, least = state.rounds[-1], chi2_std(evidence)
-    scale = max(last.excess_chi2_of_null, least) / max(excess_chi2(evidence, state.null), least)
+    last = state.rounds[-1]
+    scale = last.chi2_of_null / state.null.chi2
     rivals = {rival.name: replace(rival, chi2_reduction=scale * rival.chi2_reduction) for rival in cause[1]}
     suspects = [*rivals.values(), *(s for s in last.suspects if s.name not in rivals)]
     ordered = tuple(sorted(suspects, key=lambda s: -s.known_reduction))

@@ -11,7 +11,7 @@ from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.effort import SEARCH, SUSPECT, BudgetSpent
 from calib.diagnosis.evidence import Evidence
-from calib.diagnosis.excess import chi2_std, dominant, excess_chi2, excess_over
+from calib.diagnosis.excess import chi2_std, dominant, excess_chi2
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.foresight import SHARE_OF_RIVALS, foresee_rivals, foresee_suspects
 from calib.diagnosis.free_form import with_best_forms
@@ -34,12 +34,12 @@ class Round:
     threshold : of |z|
     chosen : the refitted suspect that explains most, None where none is significant
     rivals : suspects indistinguishable from the chosen one, which is the simplest of them
-    excess_chi2 : of the base, over the samples on which the refitted suspects are compared
+    base_chi2 : chi-square of the base, over the samples on which the refitted suspects are compared
     prediction : of the chosen suspect, or of the one that was rejected; None where that was not or cannot be tested
     rejected : the suspect that explains most where it is no cause, None where it is one or there is none
     rejection : why it is none
     untried : suspects that were to be refitted when the budget was spent
-    excess_chi2_of_null : of the calibrated model, in the noise of this search; NaN where it was not computed
+    chi2_of_null : of the calibrated model, in the noise of this search; NaN where it was not computed
     """
 
     base: Fit
@@ -47,12 +47,12 @@ class Round:
     threshold: float
     chosen: Refitted | None
     rivals: tuple[Refitted, ...]
-    excess_chi2: float
+    base_chi2: float
     prediction: Prediction | None = None
     rejected: Refitted | None = None
     rejection: str = ""
     untried: tuple[str, ...] = ()
-    excess_chi2_of_null: float = np.nan
+    chi2_of_null: float = np.nan
 
     def without_cause(self, reason: str) -> "Round":
         """Return the same search with its chosen suspect rejected."""
@@ -116,13 +116,12 @@ def _chosen(
     if not base.candidates and fitter.is_at_an_edge(base) and _leaves_dominant_misfit(fitter.evidence, base, refitted):
         refitted, more = _refits_from_the_middle(fitter, base, suspects, seed, threshold, attained, refitted)
         untried = (*untried, *more)
-    excess = excess_chi2(fitter.evidence, base)
+    before = base.chi2
     possible: list[Refitted] = []
     rivals: tuple[Refitted, ...] = ()
     if refitted:
         common = fitter.evidence.with_weights([base.point.simulated, *(s.fit.point.simulated for s in refitted)])
         before = base.chi2_over(common)
-        excess = excess_over(common, base)
         refitted = [replace(s, chi2_reduction=before - s.fit.chi2_over(common)) for s in refitted]
         possible = [s for s in refitted if _is_possible(s, threshold)]
         rivals = rival_suspects(fitter.evidence, possible, threshold)
@@ -134,7 +133,7 @@ def _chosen(
     compared = sorted((latest.get(id(s.candidate), s) for s in suspects), key=lambda s: -s.known_reduction)
     chosen = simplest(rivals) if rivals else None
     rivals = with_possible_causes(fitter.evidence, rivals, [latest[id(s.candidate)] for s in possible])
-    return Round(base, tuple(compared), threshold, chosen, rivals, excess, untried=untried)
+    return Round(base, tuple(compared), threshold, chosen, rivals, before, untried=untried)
 
 
 def _rescored(

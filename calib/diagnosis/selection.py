@@ -99,6 +99,11 @@ class Selection:
         return (self.excess_chi2 - self.remaining_chi2) / self.excess_chi2 if self.is_significant else 1.0
 
     @property
+    def share_above_noise(self) -> float:
+        """Share of the chi-square of the calibrated model that is above noise, as that is known at the end  [1]."""
+        return self.excess_chi2 / self.null.chi2
+
+    @property
     def is_significant(self) -> bool:
         """Whether the calibrated model has a misfit at all."""
         return significant(self.excess_chi2, self.chi2_std)

@@ -72,10 +72,8 @@ def diagnosis_result(diagnosis: Diagnosis, values: Mapping[str, float]) -> Diagn
         stand_ins=diagnosis.stand_ins,
         remainder=None if selection is None or evidence is None else _remainder(selection, evidence),
         closest=tuple(c.name for c in selection.causes) if selection and _is_open(diagnosis) else (),
-        suspects=()
-        if first is None
-        else tuple(_suspect(s, first.excess_chi2, first.chosen) for s in leading_variants(first.suspects)),
-        rounds=() if selection is None else tuple(map(_round, selection.rounds)),
+        suspects=() if selection is None else _suspects(selection),
+        rounds=() if selection is None else tuple(_round(r, selection.share_above_noise) for r in selection.rounds),
         exchanges=() if selection is None else _each(ExchangeResult, selection.exchanges),
         left_out=() if selection is None else _each(LeftOutResult, selection.left_out),
         refused=diagnosis.refused,
@@ -171,6 +169,13 @@ def _units(candidate: Candidate) -> dict[str, str]:
     return {p.name: p.unit for p in candidate.effect.parameters}
 
 
+def _suspects(selection: Selection) -> tuple[SuspectResult, ...]:
+    """Suspects of the first search, whose noise was perhaps not known as well as at the end."""
+    first = selection.rounds[0]
+    excess = selection.share_above_noise * first.base_chi2
+    return tuple(_suspect(s, excess, first.chosen) for s in leading_variants(first.suspects))
+
+
 def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> SuspectResult:
     """A suspect of the first search beside the chosen one."""
     names, null = suspect.candidate.free, suspect.candidate.null
@@ -212,9 +217,10 @@ def _unfitted(suspect: Suspect) -> str:
     return suspect.fit.reason if isinstance(suspect, Refitted) and not suspect.fit.names else ""
 
 
-def _round(outcome: Round) -> RoundResult:
-    """One search for a cause."""
-    chosen, excess = outcome.chosen, outcome.excess_chi2_of_null
+def _round(outcome: Round, share_above_noise: float) -> RoundResult:
+    """One search for a cause, which began with that share of the calibrated model's chi-square above noise."""
+    excess = share_above_noise * outcome.chi2_of_null
+    chosen = outcome.chosen
     return RoundResult(
         threshold=outcome.threshold,
         chosen=None if chosen is None else chosen.name,

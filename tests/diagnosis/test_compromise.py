@@ -16,7 +16,10 @@ FITTER = SimpleNamespace(evidence=SimpleNamespace(parts=(), counted=lambda: floa
 
 def state(excess, rejected=None, causes=()):
     """Stand in for a selection that leaves this excess chi-square; a suspect was rejected: name and reduction."""
-    final = SimpleNamespace(chi2=SAMPLES + excess, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)))
+    final = SimpleNamespace(
+        chi2=SAMPLES + excess, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)), residual=np.zeros(0),
+        point=SimpleNamespace(simulated={}),
+    )  # fmt: skip
     suspect = None if rejected is None else SimpleNamespace(name=rejected[0], chi2_reduction=rejected[1])
     return SimpleNamespace(
         final=final, null=final, known={}, causes=causes, names=causes, rounds=[SimpleNamespace(rejected=suspect)]

@@ -75,7 +75,7 @@ def compared(of_guess, of_form, attempt=lambda step: step(), form_of_cause=1, ot
     stribeck = refitted(law, of_guess or NULL, FORM)
     null, fits = fit(NULL), []
     then = *others, at_half(dahl), at_half(stribeck) if of_guess else scored(law, NULL, FORM, stribeck.candidate.bounds)
-    of_then = Round(null, then, LIMIT, dahl, (dahl,), np.nan, excess_chi2_of_null=0.5 * (NULL - 100.0))
+    of_then = Round(null, then, LIMIT, dahl, (dahl,), np.nan, chi2_of_null=0.5 * NULL)
     state = StepwiseState(null, dahl.fit, {}, (of_then,), ((dahl, (dahl,)),))
 
     def fitted(start, candidates, sizes=None, rival=np.inf):

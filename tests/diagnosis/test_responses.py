@@ -55,6 +55,9 @@ def test_drag_is_named_with_its_size_and_the_gain_on_a_level_held_out(tmp_path):
     [drag] = [one for one in said["suspects"] if one["effect"] == "quadratic_drag"]
     low, high = drag["interval"]["c2"]
     assert abs(drag["size"]["c2"] - truth.size) < 0.75 * (high - low)  # 3 standard errors
+    shares = {one["effect"]: one["share"] for one in said["suspects"]}  # by the noise of the extended model
+    assert shares["quadratic_drag"] == pytest.approx(said["misfit"]["share"], abs=0.01)
+    assert max(shares.values()) < 1.01
     gain = said["gain"]
     assert gain["records"] == ["between"]
     assert gain["after"] < 0.7 * gain["before"]

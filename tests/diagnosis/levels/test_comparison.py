@@ -103,6 +103,13 @@ def test_damping_that_grows_excludes_laws_whose_damping_falls():
     assert "does not move by more than" in sentence
 
 
+def test_what_models_have_is_told_to_the_decimal_place_of_what_was_measured():
+    [levels] = compared(sweeps((0.1, 0.2, 0.4), (1.0, 1.2, 1.5)))
+    damping = replace(levels.damping, error=0.011, models={"calibrated": -1.2e-5, "coulomb_friction": -0.4})
+    [sentence] = said([replace(levels, damping=damping)])
+    assert "0.000 by the calibrated model, −0.400 with coulomb_friction" in sentence
+
+
 def test_two_levels_say_nothing():
     [levels] = compared(sweeps((0.1, 0.4), (1.0, 1.5)))
     assert (levels.damping, levels.resonance) == (None, None)

@@ -6,7 +6,7 @@ from calib.diagnosis.document import DiagnosisResult
 from calib.diagnosis.levels.comparison import CALIBRATED, EXTENDED
 from calib.diagnosis.levels.document import DampingTrendResult, LawTrendResult, LevelsResult, ResonanceTrendResult
 from calib.diagnosis.verdict import joined
-from calib.report.formatting import capitalised, number, quantity, with_error
+from calib.report.formatting import capitalised, number, quantity, rounded, with_error
 
 MAX_EXCLUDED_LAWS = 3  # that a sentence names  [count]
 
@@ -41,14 +41,14 @@ def _span(levels: LevelsResult) -> str:
 
 def _damping(levels: LevelsResult, trend: DampingTrendResult) -> str:
     direction = "grows" if trend.power > 0.0 else "falls"
-    models = [f"{round(power, 2) + 0.0:.2f} {_model(name)}" for name, power in _known(trend.models, levels.laws)]
+    models = [f"{rounded(power, trend.error)} {_model(name)}" for name, power in _known(trend.models, levels.laws)]
     text = f"the equivalent damping of {levels.body} {direction} with the amplitude, as its power "
     return f"{text}{with_error(trend.power, 2.0 * trend.error)} (±: two standard errors{_listed(models)})"
 
 
 def _resonance(levels: LevelsResult, trend: ResonanceTrendResult) -> str:
     direction, spring = ("rises", "hardens") if trend.change > 0.0 else ("falls", "softens")
-    models = [f"{number(shift, 2)} Hz {_model(name)}" for name, shift in _known(trend.models, levels.laws)]
+    models = [f"{rounded(shift, trend.error)} Hz {_model(name)}" for name, shift in _known(trend.models, levels.laws)]
     change = with_error(trend.change, 2.0 * trend.error)
     return (
         f"the resonance of {levels.body} {direction} with the amplitude, by {change} Hz (±: two standard errors"
