@@ -37,8 +37,8 @@ def _of_noise(evidence: Evidence, fit: Fit, residual: np.ndarray) -> float:
 
 def excess_of_gross_errors(evidence: Evidence, simulations: Mapping[str, SimulatedRows], residual: np.ndarray) -> float:
     """Chi-square of the gross errors among residuals (N,), beyond that of their noise."""
-    parts = ((part, residual[evidence.of(part.name)]) for part in evidence.parts)
-    return float(sum(gross_excess_by_row(part, simulations[part.name], own).sum() for part, own in parts))
+    swept = ((part, residual[evidence.of(part.name)]) for part in evidence.parts if part.is_swept)
+    return float(sum(gross_excess_by_row(part, simulations[part.name], own).sum() for part, own in swept))
 
 
 def gross_excess_by_row(part: Part, simulated: SimulatedRows, residual: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.harmonic_excess import UNTESTED, harmonic_excess, model_error_chi2
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.part import Part
+from calib.diagnosis.signature import Point
 
 PERIOD, RATE, CYCLES = 0.0731, 2000.0, 30  # s, Hz: a clock that does not divide the period
 TIME = np.arange(round(CYCLES * PERIOD * RATE)) / RATE
@@ -29,8 +30,8 @@ def fit(known, error, seed, columns=None):
     columns = np.zeros((size, 0)) if columns is None else columns
     residual = np.random.default_rng(seed).standard_normal(size) + part.white(error)
     none = np.zeros((size, 0))
-    left = Fit(None, (), residual, columns, tuple("abcdefgh"[: columns.shape[1]]), (), none, known.rows())
-    return Fit(None, (), left.projection(residual), columns, left.names, (), none, left.rows)
+    left = Fit(Point({}, (), {}), (), residual, columns, tuple("abcdefgh"[: columns.shape[1]]), (), none, known.rows())
+    return Fit(left.point, (), left.projection(residual), columns, left.names, (), none, left.rows)
 
 
 def error_of(chi2, order):

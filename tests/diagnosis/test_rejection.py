@@ -17,7 +17,10 @@ EVIDENCE = SimpleNamespace(parts=(), counted=lambda: float(SAMPLES))
 
 def fit(excess):
     """Stand in for a model of no parameter that leaves this excess chi-square."""
-    return SimpleNamespace(chi2=SAMPLES + excess, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)))
+    return SimpleNamespace(
+        chi2=SAMPLES + excess, columns=np.zeros((0, 0)), nuisances=np.zeros((0, 0)), residual=np.zeros(0),
+        point=SimpleNamespace(simulated={}),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
