@@ -87,6 +87,7 @@ class PredictionResult:
     without : chi-square of the left-out data without the cause  [1]
     folds : that were left out in turn
     uncertainty : expected increase of chi-square by the errors of the refitted parameters  [1]
+    share_error : standard error of the reduction over `without`  [1]
     """
 
     reduction: float | None = None
@@ -94,6 +95,7 @@ class PredictionResult:
     without: float | None = None
     folds: tuple[str, ...] = ()
     uncertainty: float | None = None
+    share_error: float | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ some of them out tests nothing: there prediction cannot be tested.
 
 The fall of the sum of squares on the left-out data is a sum over segments of the records; its standard error is that of
 a sum of as many independent terms (the test of equal predictive accuracy of Diebold & Mariano, Journal of Business and
-Economic Statistics 13 (1995) 253-263, its autocorrelation within a segment counted by summing over it).
+Economic Statistics 13 (1995) 253-263, its autocorrelation within a segment counted by summing over it). As a share of
+what is left without the cause its error is that of a ratio (Cochran, Sampling Techniques, 1977, section 2.11).
 
 Few folds determine parameters poorly, and the more so the more of them there are. What their errors alone are expected
 to add on the left-out data, tr(J C J') of the derivatives J there and the covariance C from the other folds (the
@@ -45,6 +46,8 @@ class Prediction:
     folds : that were left out in turn
     uncertainty : expected increase of the sum of squares by the cause for the errors of the refitted parameters alone,
         in units of the noise's variance
+    share_error : standard error of the reduction over `without`, as of a ratio of sums over segments: where the misfit
+        sits in few segments the sum may be uncertain though the share is not
     """
 
     reduction: float
@@ -52,6 +55,7 @@ class Prediction:
     without: float
     folds: tuple[str, ...]
     uncertainty: float = 0.0
+    share_error: float = np.inf
 
     @property
     def fails(self) -> bool:
@@ -78,7 +82,7 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, candidate: Candidate
     """
     own = (*candidate.free, *candidate.form)
     segments, rows = evidence.segments(), evidence.rows()
-    falls, tested, without, uncertainty = [], [], 0.0, 0.0
+    falls, squares, tested, uncertainty = [], [], [], 0.0
     for name, left_out in folds(evidence):
         changed = extended.is_changed_by(candidate, extended.columns[left_out])
         if not changed or _information(extended, own, ~left_out) < MIN_INFORMATION_SHARE:
@@ -87,15 +91,21 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, candidate: Candidate
         if max(before.chi2, after.chi2) > MAX_GROWTH * np.sum(base.residual[left_out] ** 2):
             continue
         numbers = segments[left_out]
-        without += before.chi2
         uncertainty += after.uncertainty - before.uncertainty
+        squares.append(np.bincount(numbers - numbers.min(), before.residual**2))
         falls.append(np.bincount(numbers - numbers.min(), before.residual**2 - after.residual**2))
         tested.append(name)
     if not tested:
         return None
-    sums = np.concatenate(falls)
-    error = float(np.sqrt(sums.size * np.var(sums, ddof=1))) if sums.size > 1 else np.inf
-    return Prediction(float(sums.sum()), error, without, tuple(tested), uncertainty)
+    fall, before = np.concatenate(falls), np.concatenate(squares)
+    reduction, without = float(fall.sum()), float(before.sum())
+    share_error = _error_of_sum(fall - reduction / without * before) / without if without > 0.0 else np.inf
+    return Prediction(reduction, _error_of_sum(fall), without, tuple(tested), uncertainty, share_error)
+
+
+def _error_of_sum(terms: np.ndarray) -> float:
+    """Standard error of the sum of independent terms (n,), infinite of a single one."""
+    return float(np.sqrt(terms.size * np.var(terms, ddof=1))) if terms.size > 1 else np.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,6 +64,20 @@ def test_what_is_not_there_predicts_seldom(count):
     assert np.mean(found) < 0.2
 
 
+def test_a_share_is_certain_where_the_misfit_sits_in_few_segments():
+    shape = np.tile(np.sin(40.0 * TIME) * np.exp(-0.5 * ((TIME - 0.5) / 0.03) ** 2), 2)
+    found = predicted(*case(0, 30.0, shape=shape), CAUSE)
+    assert found.error > 0.2 * found.reduction
+    assert found.reduction / found.without == pytest.approx(1.0 - 2 * SIZE / found.without, abs=3.0 * found.share_error)
+    assert found.share_error < 0.05
+
+
+def test_the_error_of_a_share_is_that_of_its_draws():
+    found = [predicted(*case(seed, 0.7), CAUSE) for seed in range(200)]
+    shares = [one.reduction / one.without for one in found]
+    assert np.std(shares) == pytest.approx(np.mean([one.share_error for one in found]), rel=0.15)
+
+
 def test_a_size_that_differs_from_record_to_record_does_not_predict():
     one = np.sin(40.0 * TIME)
     rng = np.random.default_rng(0)

@@ -91,11 +91,11 @@ def explained_together(diagnosis: DiagnosisResult) -> str:
 
 
 def _predicts(one: RoundResult) -> str:
-    """Fall of chi-square on left-out data, with its standard error, over what it is without the cause."""
+    """Share of chi-square on left-out data that the cause takes away, with its standard error."""
     test = one.prediction
-    if test is None or test.error is None or test.reduction is None or not test.without:
+    if test is None or test.share_error is None or test.reduction is None or not test.without:
         return "not tested" if one.chosen else "-"
-    return f"{with_error(100.0 * test.reduction / test.without, 100.0 * test.error / test.without)} %"
+    return f"{with_error(100.0 * test.reduction / test.without, 100.0 * test.share_error)} %"
 
 
 def _none(one: RoundResult) -> str:
