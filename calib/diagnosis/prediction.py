@@ -97,9 +97,9 @@ def predicted(evidence: Evidence, base: Fit, extended: Fit, candidate: Candidate
         tested.append(name)
     if not tested:
         return None
-    fall, before = np.concatenate(falls), np.concatenate(squares)
-    reduction, without = float(fall.sum()), float(before.sum())
-    share_error = _error_of_sum(fall - reduction / without * before) / without if without > 0.0 else np.inf
+    fall, square = np.concatenate(falls), np.concatenate(squares)
+    reduction, without = float(fall.sum()), float(square.sum())
+    share_error = _error_of_sum(fall - reduction / without * square) / without if without > 0.0 else np.inf
     return Prediction(reduction, _error_of_sum(fall), without, tuple(tested), uncertainty, share_error)
 
 
