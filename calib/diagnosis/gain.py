@@ -277,7 +277,8 @@ def interval_of_gain(pairs: Sequence[tuple[Squares, Squares]], seed: int) -> tup
     """95 % interval of the misfit before less after, of which each record has squares, by a bootstrap over segments.
 
     The percentiles are moved away from the estimate as Student's t asks for with so few segments (Hesterberg, The
-    American Statistician 69 (2015) 371). A single one tells nothing of the error: the interval is infinite.
+    American Statistician 69 (2015) 371), up to the misfit before, for none is negative. A single one tells nothing of
+    the error: the interval is infinite.
     """
     segments = sum(one.count.shape[1] for one, _ in pairs)
     if segments == 1:
@@ -288,10 +289,11 @@ def interval_of_gain(pairs: Sequence[tuple[Squares, Squares]], seed: int) -> tup
     misfits = np.sqrt(np.mean(drawn, axis=0))  # before and after
     tail = CRITERIA.tail_probability
     quantiles = np.nanquantile(misfits[0] - misfits[1], [tail, 1.0 - tail])
-    gain = misfit([one for one, _ in pairs]) - misfit([other for _, other in pairs])
+    before = misfit([one for one, _ in pairs])
+    gain = before - misfit([other for _, other in pairs])
     wider = math.sqrt(segments / (segments - 1.0)) * stats.t.isf(tail, segments - 1) / stats.norm.isf(tail)
     low, high = gain + wider * (quantiles - gain)
-    return float(low), float(high)
+    return float(low), min(float(high), before)
 
 
 def _times_drawn(segments: int, rng: np.random.Generator) -> np.ndarray:

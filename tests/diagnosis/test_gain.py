@@ -10,7 +10,7 @@ from calib.diagnosis.gain import BLOCKS, NOT_COMPARED, RECORDS, Gain, _sizes, _s
 from calib.diagnosis.noise import STATED, Noise
 from calib.diagnosis.part import Part
 from calib.diagnosis.transfer import Transfer
-from calib.objective import Squares
+from calib.objective import Squares, misfit
 
 
 def test_a_record_in_which_no_cause_acts_refutes_none():
@@ -59,6 +59,13 @@ def test_two_models_that_are_alike_have_a_gain_of_zero_however_few_segments_are_
     intervals = np.array([interval_of_gain([(one(), one())], seed) for seed in range(200)])
     missed = ((intervals[:, 0] > 0.0) | (intervals[:, 1] < 0.0)).sum()
     assert missed <= 22  # 5 % of 200, and 3.9 standard deviations of such a count
+
+
+def test_no_misfit_falls_by_more_than_it_is():
+    total = np.array([[100.0, 1.0, 1.0, 1.0, 1.0, 1.0]])  # a resonance holds nearly all of it
+    before, after = (Squares(scale * total, np.full(total.shape, 8.0)) for scale in (1.0, 0.01))
+    low, high = interval_of_gain([(before, after)], 0)
+    assert low < misfit([before]) - misfit([after]) < high == misfit([before])
 
 
 def test_a_single_segment_tells_nothing_of_the_error_of_a_gain():
