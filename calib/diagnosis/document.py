@@ -34,10 +34,10 @@ class SuspectResult:
     size, interval : of its parameters, with their 95 % intervals
     held : size of parameters that were not fitted
     limits, units, null : range and SI unit of each parameter, and its value where the effect is absent
-    share : of the excess chi-square that it explains  [1]
+    share : of the excess chi-square that it explains, in the noise as it is known at the end  [1]
     absorbed : share of its signature that the calibrated parameters absorb  [1]
     detectable : smallest size that would pass the threshold
-    chi2_reduction : of the whitened residuals by the effect alone  [1]
+    chi2_reduction : of the whitened residuals by the effect alone, in the noise of the first search  [1]
     refitted : whether share and size are from a fit, not estimated from the score test
     cosine : of the angle between its signature and that of the effect chosen in the first round  [1]
     reason : why it was not tested or not fitted, "" where it was
@@ -106,7 +106,7 @@ class RoundResult:
     ----------
     threshold : of |z|
     chosen : name of the effect that was added, None where none was
-    share : of the excess chi-square that it explains  [1]
+    share : of the excess chi-square that it explains, in the noise as it is known at the end  [1]
     rivals : names of the effects that are indistinguishable from it, itself included
     prediction : of left-out data
     rejected, rejection : the effect that explains most where none was added, and why it was not

@@ -21,19 +21,22 @@ class JointMisfit:
 
     Attributes
     ----------
-    excess_chi2 : chi-square beyond the degrees of freedom, without that of gross errors
+    excess_chi2 : chi-square beyond the degrees of freedom, by which models are compared: that of gross errors is in it,
+        as their bounded loss has it
     chi2_std : standard deviation of the chi-square of noise alone
     values : of the parameters of the model, by name, in SI
+    gross_chi2 : the part of it that gross errors have, beyond their noise: no model comes near them
     """
 
     excess_chi2: float
     chi2_std: float
     values: Mapping[str, float]
+    gross_chi2: float = 0.0
 
     @property
     def is_significant(self) -> bool:
         """Whether the model leaves more than noise in all records together."""
-        return significant(self.excess_chi2, self.chi2_std)
+        return significant(self.excess_chi2 - self.gross_chi2, self.chi2_std)
 
 
 def joint_misfit(
@@ -70,5 +73,5 @@ def joint_misfit(
     values = {name: fit.value(name) + float(move) for name, move in zip(fit.names, moves / length, strict=True)}
     pieces = np.split(remaining, np.cumsum([own.size for own in residuals])[:-1])
     gross = sum(float(gross_excess_by_row(*record, own).sum()) for record, own in zip(records, pieces, strict=True))
-    excess = float(remaining @ remaining) - gross - (degrees + counted - int(rank))
-    return JointMisfit(excess, math.sqrt(2.0 * counted), values)
+    excess = float(remaining @ remaining) - (degrees + counted - int(rank))
+    return JointMisfit(excess, math.sqrt(2.0 * counted), values, gross)

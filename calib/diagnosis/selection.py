@@ -43,6 +43,7 @@ class Selection:
     alternatives : of each cause, suspects indistinguishable from it beside the others, itself included
     is_explained : whether only noise is left, or each cause explains several times the remainder
     excess_chi2, remaining_chi2 : excess chi-square of the calibrated and of the final model
+    share_above_noise : of the chi-square of the calibrated model that is excess, by the noise as known at the end  [1]
     chi2_std : standard deviation of the chi-square of noise alone
     harmonics : excess chi-square of the final model in the low harmonics of steady tones
     constancy : how much the size of each cause differs among the channels of the records, and from record to record
@@ -65,6 +66,7 @@ class Selection:
     is_explained: bool
     excess_chi2: float
     remaining_chi2: float
+    share_above_noise: float
     chi2_std: float
     harmonics: HarmonicExcess = UNTESTED
     constancy: tuple[Constancy, ...] = ()
@@ -97,11 +99,6 @@ class Selection:
     def explained_share(self) -> float:
         """Share of the excess chi-square that the causes explain; 1 where there is no misfit  [1]."""
         return (self.excess_chi2 - self.remaining_chi2) / self.excess_chi2 if self.is_significant else 1.0
-
-    @property
-    def share_above_noise(self) -> float:
-        """Share of the chi-square of the calibrated model that is above noise, as that is known at the end  [1]."""
-        return self.excess_chi2 / self.null.chi2
 
     @property
     def is_significant(self) -> bool:

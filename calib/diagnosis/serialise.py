@@ -218,8 +218,11 @@ def _unfitted(suspect: Suspect) -> str:
 
 
 def _round(outcome: Round, share_above_noise: float) -> RoundResult:
-    """One search for a cause, which began with that share of the calibrated model's chi-square above noise."""
-    excess = share_above_noise * outcome.chi2_of_null
+    """One search for a cause, with that share of the calibrated model's chi-square above noise.
+
+    The first search is beside that model: there it is compared on the samples that its suspects are.
+    """
+    excess = share_above_noise * (outcome.chi2_of_null if outcome.base.candidates else outcome.base_chi2)
     chosen = outcome.chosen
     return RoundResult(
         threshold=outcome.threshold,

@@ -95,7 +95,7 @@ def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
     """Compare the calibrated and the final model where the simulations of both are reliable."""
     null, final, causes, elimination = state.null, state.final, state.causes, state.elimination
     common = fitter.evidence.with_weights([null.point.simulated, final.point.simulated])
-    excess, std = excess_over(common, null), chi2_std(common)
+    excess, whole, std = excess_over(common, null), null.chi2_over(common), chi2_std(common)
     named = {rival.name for _, rivals in causes for rival in rivals}
     return Selection(
         rounds=state.rounds,
@@ -106,6 +106,7 @@ def as_selection(fitter: Fitter, state: StepwiseState) -> Selection:
         is_explained=state.is_explained if causes else not significant(excess, std),
         excess_chi2=excess,
         remaining_chi2=excess_over(common, final),
+        share_above_noise=excess / whole if whole > 0.0 else 0.0,
         chi2_std=std,
         harmonics=harmonic_excess(fitter.evidence, final),
         constancy=constancies(fitter.evidence, final) if causes else (),

@@ -1,7 +1,7 @@
 """Sizes of causes refitted to each record alone, and whether the records agree on them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -103,7 +103,7 @@ def refitted_to_each_record(
         if part.name not in columns:
             continue
         own, changed = evidence.of(part.name), acting_causes(final, columns[part.name])
-        gross = float(gross_excess_by_row(part, final.point.simulated[part.name], residual[own]).sum())
+        gross = partial(gross_excess_by_row, part, final.point.simulated[part.name])
         for name in (name for c in final.candidates if c.name in changed for name in c.free):
             index = final.names.index(name)
             others = np.column_stack([np.delete(columns[part.name], index, axis=1), nuisances[own]])
@@ -120,7 +120,7 @@ def _refitted(
     column: np.ndarray,
     others: np.ndarray,
     rows: np.ndarray,
-    gross: float,
+    gross: Callable[[np.ndarray], np.ndarray],
     is_remainder_significant: bool,
 ) -> tuple[float, float, float, float] | None:
     """Step of one parameter, its standard error and its degrees of freedom, and the standard deviation of its bias.
@@ -135,7 +135,7 @@ def _refitted(
     Parameters
     ----------
     rows : (n,) number of the row that each residual belongs to
-    gross : excess chi-square of the record's gross errors
+    gross : residual (n,) -> excess chi-square (row,) of the record's gross errors
     is_remainder_significant : whether the model leaves more than noise in all records together
     """
     projection = Projection(others)
@@ -150,7 +150,7 @@ def _refitted(
     covariance, freedom = sandwich(alone[counted, None], remaining[counted], rows[counted])
     error = float(np.sqrt(max(covariance[0, 0], 1.0 / information)))
     degrees = float(np.count_nonzero(remaining)) - projection.rank - 1.0
-    excess, std = float(remaining @ remaining) - gross - degrees, math.sqrt(2.0 * max(degrees, 1.0))
+    excess, std = float(remaining @ remaining - gross(remaining).sum()) - degrees, math.sqrt(2.0 * max(degrees, 1.0))
     may_be_biased = is_remainder_significant or significant(excess, std)
     bias = bias_std(max(0.0, excess) + std, information) if may_be_biased else 0.0
     return step, error, max(1.0, float(freedom[0]) - projection.rank), bias  # the others take theirs

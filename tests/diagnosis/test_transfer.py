@@ -28,7 +28,9 @@ def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
     for _ in range(300):
         noise = rng.standard_normal(N)
         residual = 0.7 * column - 2.0 * others[:, 0] + noise  # the calibrated value is off, too
-        size, error, _, bias = _refitted(residual, column, others, ROW, gross=0.0, is_remainder_significant=False)
+        size, error, _, bias = _refitted(
+            residual, column, others, ROW, gross=np.zeros_like, is_remainder_significant=False
+        )
         biased += bias > 0.0
         deviates.append((size - 0.7) / error)
         raw.append(error * np.linalg.norm(column))
@@ -38,11 +40,24 @@ def test_the_error_of_a_record_alone_covers_what_calibrated_parameters_take():
     assert min(raw) > 5.0  # several times what it would be with the calibrated parameter held
 
 
+def test_gross_errors_that_the_refit_leaves_are_no_bias_of_a_size():
+    column, others = columns()
+    residual = np.random.default_rng(4).standard_normal(N)
+    residual[7] += 20.0
+
+    def of_gross_errors(left):
+        return np.array([left[7] ** 2 - 1.0])
+
+    biases = [_refitted(residual, column, others, ROW, of, is_remainder_significant=False)[3]
+              for of in (of_gross_errors, np.zeros_like)]  # fmt: skip
+    assert biases[0] == 0.0 < biases[1]
+
+
 @pytest.mark.parametrize("left", [0.0, 1e-3])
 def test_a_record_that_does_not_tell_the_size_from_calibrated_values_has_none(left):
     column, others = columns()
     copy = others[:, 0] + left * column
-    assert _refitted(column, copy, others, ROW, gross=0.0, is_remainder_significant=False) is None
+    assert _refitted(column, copy, others, ROW, gross=np.zeros_like, is_remainder_significant=False) is None
 
 
 @pytest.mark.slow
@@ -61,7 +76,9 @@ def test_what_remains_may_bias_a_record_whose_own_sum_of_squares_shows_nothing()
             left += rng.choice([-1.0, 1.0]) * along / np.sqrt(12.0)
             known.append(column + rng.standard_normal(size) + np.sqrt(np.sqrt(2.0 * size)) * left)
         for remains in agree:
-            found = [_refitted(residual, column, np.zeros((size, 0)), rows, 0.0, remains) for residual in known]
+            found = [
+                _refitted(residual, column, np.zeros((size, 0)), rows, np.zeros_like, remains) for residual in known
+            ]
             transfers = [Transfer(str(k), "k", *one[:2], False, size, one[3]) for k, one in enumerate(found)]
             agree[remains] += agreements(transfers, 3.4)[0].agree
     assert agree[False] < 25

@@ -93,9 +93,10 @@ def explained_together(diagnosis: DiagnosisResult) -> str:
 def _predicts(one: RoundResult) -> str:
     """Share of chi-square on left-out data that the cause takes away, with its standard error."""
     test = one.prediction
-    if test is None or test.share_error is None or test.reduction is None or not test.without:
+    if test is None or test.reduction is None or not test.without:
         return "not tested" if one.chosen else "-"
-    return f"{with_error(100.0 * test.reduction / test.without, 100.0 * test.share_error)} %"
+    error = None if test.share_error is None else 100.0 * test.share_error
+    return f"{with_error(100.0 * test.reduction / test.without, error)} %"
 
 
 def _none(one: RoundResult) -> str:

@@ -1,0 +1,39 @@
+"""What diagnosis.json holds of shares and of the remainder."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.search import Round
+from calib.diagnosis.serialise import _excess_by_row, _round
+
+
+@pytest.mark.parametrize(
+    ("before", "above_noise", "share"),
+    [
+        ((), 0.5, 0.9),  # beside the calibrated model, over the samples on which its suspects are compared
+        (("friction",), 0.5, 0.45),
+        ((), -0.1, None),  # no misfit
+        ((), 0.0, None),
+    ],
+)
+def test_a_round_explains_a_share_of_what_the_noise_at_the_end_leaves_of_the_misfit(before, above_noise, share):
+    base, chosen = SimpleNamespace(candidates=before), SimpleNamespace(name="drag", chi2_reduction=45.0)
+    outcome = Round(base, (), 3.2, chosen, (), base_chi2=100.0, chi2_of_null=200.0)
+    assert _round(outcome, above_noise).share == (share if share is None else pytest.approx(share))
+
+
+def test_a_gross_error_is_no_remainder_of_its_row():
+    residual = np.array([[1.0, -1.0, 1.0, 1.0], [1.0, 1.0, 9.0, -1.0]])
+    part = SimpleNamespace(
+        name="levels", is_swept=True, rows=("in_phase", "quadrature"), measured=residual, weight=np.ones((2, 4))
+    )
+    evidence = SimpleNamespace(parts=(part,), of=lambda name: slice(0, residual.size))
+
+    def excess(trust):
+        point = SimpleNamespace(simulated={"levels": SimpleNamespace(trust=np.array(trust))})
+        return _excess_by_row(evidence, SimpleNamespace(residual=residual.ravel(), point=point))
+
+    assert excess([1.0, 1.0, 1.0, 1.0]) == pytest.approx([0.0, 80.0])
+    assert excess([1.0, 1.0, 0.3, 1.0]) == pytest.approx([0.0, 0.0])
