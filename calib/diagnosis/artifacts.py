@@ -16,6 +16,8 @@ from calib.errors import CalibError
 from calib.execution.files import whole
 from calib.execution.interrupt import uninterrupted
 from calib.objective import Reference, gross_errors
+from calib.records.held_response import is_held
+from calib.records.response import HELD, HELD_AMPLITUDE
 from calib.store.document import read_document, write_document
 
 NAME = "diagnosis.json"
@@ -72,7 +74,8 @@ def motions(diagnosis: Diagnosis, references: Mapping[str, Reference]) -> dict[s
     the coordinates body, channel, unit and source (from which sigma is estimated). time [s]. Attributes: cycle (of the
     motion, in periods) and, where the excitation has one, period [s]. Of a frequency response time numbers the points,
     of which frequency [Hz], level, sweep, direction and gross_error (1 of a gross error beside the extended model) are
-    coordinates; its rows are in standard uncertainties.
+    coordinates; held_amplitude [m] too where that of a body was held, which the attribute `held` names. Its rows are in
+    standard uncertainties.
     """
     if diagnosis.selection is None or diagnosis.evidence is None:
         return {}
@@ -108,7 +111,9 @@ def _motion(part: Part, selection: Selection, reference: Reference) -> xr.Datase
             "unit": ("row", [record[channel].attrs.get("units", "1") for channel in channels]),
             "source": ("row", [part.source_of(noise) for noise in part.noise]),
         },
-        attrs={"cycle": part.cycle} | ({} if part.period is None else {"period": part.period}),
+        attrs={"cycle": part.cycle}
+        | ({} if part.period is None else {"period": part.period})
+        | ({HELD: record.attrs[HELD]} if is_held(record) else {}),
     )
 
 
@@ -117,9 +122,7 @@ def _points(response: xr.Dataset, trust: np.ndarray) -> dict[str, tuple[str, np.
 
     trust : (n,) in the distance of each point from the response of the extended model
     """
-    known = {
-        name: ("time", response[name].values, dict(response[name].attrs))
-        for name in ("frequency", "level", "sweep", "direction")
-    }
+    names = ("frequency", "level", "sweep", "direction", *((HELD_AMPLITUDE,) if is_held(response) else ()))
+    known = {name: ("time", response[name].values, dict(response[name].attrs)) for name in names}
     gross = np.isin(np.arange(trust.size), gross_errors(trust)).astype(np.int8)
     return known | {"gross_error": ("time", gross, {"units": "1"})}

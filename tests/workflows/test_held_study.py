@@ -9,8 +9,10 @@ from response_recovery import held
 from undrawn import undrawn
 
 from calib.cli import main
+from calib.diagnosis.artifacts import read_motions
 from calib.records.held_response import as_measured
 from calib.records.response import complex_amplitude
+from calib.records.sweep_names import sweep_names
 
 VALUES = {"mass": 1.0, "stiffness": 400.0, "damping": 1.0, "k3": 4e5}
 STUDY = """
@@ -62,6 +64,8 @@ def test_a_hardening_spring_is_named_where_motions_are_unstable_at_a_set_force(t
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert (found["verdict"], found["causes"]) == ("named", ["cubic_stiffness"])
     assert found["suspects"][0]["size"]["k3"] == pytest.approx(4e5, rel=0.03)
+    names = sweep_names(read_motions(tmp_path / "out")["sweeps"])  # the pictures of the residual are told by
+    assert list(names.values()) == [f"mass held at {amplitude} mm, up" for amplitude in (4, 10, 20)]
     [levels] = found["levels"]
     assert levels["held"]
     assert levels["resonance"]["significant"]

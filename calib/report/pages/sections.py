@@ -47,9 +47,9 @@ HELD_RESPONSE = (
 )
 RESPONSE_RESIDUAL = (
     "Distance from each measured point to the nearest one of the simulated curve, in standard uncertainties: in "
-    "complex amplitude, and in frequency, where a fold of the simulation comes early or late. Points that are ringed "
-    "above are left out."
+    "complex amplitude, and in frequency, where a fold of the simulation comes early or late."
 )
+RINGED = " Points that are ringed above are left out."
 DECAY = (
     "Frequency and damping ratio over the amplitude of the fundamental: measured, a dot a period by its zero "
     "crossings, and smoothed with a band of two standard uncertainties on either side; simulated, smoothed alike."
@@ -116,6 +116,12 @@ def _response_picture(
     return pictured(drawn, f"response-{name}", caption)
 
 
+def _response_residual(name: str, measured: xr.Dataset, aligned: xr.Dataset, bound: str) -> Picture | None:
+    """Picture of the distances of a measured response from what was simulated, without gross errors."""
+    ringed = RINGED if gross_errors(aligned["trust"].values).size else ""
+    return pictured(response_residual(measured, aligned), f"residual-{name}", RESPONSE_RESIDUAL + ringed + bound)
+
+
 def record_section(
     study: CalibrationStudy,
     name: str,
@@ -154,7 +160,7 @@ def record_section(
     residuals: list[Picture | None] = []
     if reference.use == "calibrate" and aligned is not None and simulated is not None:
         residuals = (
-            [pictured(response_residual(drawn, aligned), f"residual-{name}", RESPONSE_RESIDUAL + bound)]
+            [_response_residual(name, drawn, aligned, bound)]
             if response
             else _residuals(name, drawn, aligned, simulated, bound)
         )
