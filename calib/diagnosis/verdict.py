@@ -176,7 +176,7 @@ def joined(names: Sequence[str]) -> str:
 
 
 def explained(share: float) -> str:
-    """Write a share of the excess misfit that is explained [1]; no share below 1 is rounded to "all".
+    """Write a share of the excess misfit that is explained [1]; no share is rounded to "all" or to nothing.
 
     Of causes that leave less than the expectation of noise it is "all".
     """
@@ -184,7 +184,9 @@ def explained(share: float) -> str:
         return "all"
     if share >= 0.9995:
         return "more than 99.9 %"
-    return f"{100.0 * share:.1f} %" if share >= 0.99 else f"{100.0 * share:.0f} %"
+    if 0.0 < share < 0.0005:
+        return "less than 0.1 %"
+    return f"{100.0 * share:.1f} %" if share >= 0.99 or 0.0 < share < 0.01 else f"{100.0 * share:.0f} %"
 
 
 def omitted(selection: Selection, gain: Gain | None) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What diagnosis.json holds of shares and of the remainder."""
+"""Shares and the remainder, as diagnosis.json and the page tell them."""
 
 from types import SimpleNamespace
 
@@ -7,6 +7,7 @@ import pytest
 
 from calib.diagnosis.search import Round
 from calib.diagnosis.serialise import _excess_by_row, _round
+from calib.diagnosis.verdict import explained
 
 
 @pytest.mark.parametrize(
@@ -22,6 +23,17 @@ def test_a_round_explains_a_share_of_what_the_noise_at_the_end_leaves_of_the_mis
     base, chosen = SimpleNamespace(candidates=before), SimpleNamespace(name="drag", chi2_reduction=45.0)
     outcome = Round(base, (), 3.2, chosen, (), base_chi2=100.0, chi2_of_null=200.0)
     assert _round(outcome, above_noise).share == (share if share is None else pytest.approx(share))
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (1.02, "all"), (0.9997, "more than 99.9 %"), (0.996, "99.6 %"), (0.88, "88 %"), (0.0026, "0.3 %"),
+        (2e-5, "less than 0.1 %"), (0.0, "0 %"),
+    ],
+)  # fmt: skip
+def test_no_share_is_rounded_to_all_or_to_nothing(share, words):
+    assert explained(share) == words
 
 
 def test_a_gross_error_is_no_remainder_of_its_row():
