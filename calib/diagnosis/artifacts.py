@@ -113,7 +113,7 @@ def _motion(part: Part, selection: Selection, reference: Reference) -> xr.Datase
         },
         attrs={"cycle": part.cycle}
         | ({} if part.period is None else {"period": part.period})
-        | ({HELD: record.attrs[HELD]} if is_held(record) else {}),
+        | ({HELD: record.attrs[HELD]} if part.is_swept and is_held(record) else {}),
     )
 
 
