@@ -35,7 +35,7 @@ class AxisCalibration:
     reading: float
 
     def __call__(self, pixels: np.ndarray) -> np.ndarray:
-        """Points (n, 2) on the axes of pixels (n, 2), column and row."""
+        """Points (n, 2) on the axes of pixels (n, 2), column and row; infinite beyond what a number can be."""
         plain = _affine(pixels) @ self.matrix.T
         with np.errstate(over="ignore"):
             return np.where(self.logarithmic, 10.0**plain, plain)
@@ -50,15 +50,17 @@ class AxisCalibration:
         return np.linalg.solve(self.matrix[:, :2], (plain - self.matrix[:, 2]).T).T
 
     def rates(self, pixels: np.ndarray) -> np.ndarray:
-        """Change (n, 2, 2) of x and y (second index) with column and row (third)."""
-        return self._stretch(pixels)[:, :, None] * self.matrix[None, :, :2]
+        """Change (n, 2, 2) of x and y (second index) with column and row (third); not finite beyond that."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._stretch(pixels)[:, :, None] * self.matrix[None, :, :2]
 
     def modes(self, pixels: np.ndarray) -> np.ndarray:
         """Displacement of points by the errors of the calibration: (6, n, 2), each one standard deviation large."""
         modes = np.zeros((6, len(pixels), 2))
         for axis in (0, 1):
             modes[3 * axis : 3 * axis + 3, :, axis] = (_affine(pixels) @ self.spread[axis]).T
-        return modes * self._stretch(pixels)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return modes * self._stretch(pixels)
 
     @property
     def posture(self) -> tuple[float, float]:

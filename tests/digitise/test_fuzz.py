@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from fuzzing.kinds.figure import archived
 from fuzzing.mutations import damaged
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -94,6 +94,8 @@ VALUES = st.recursive(
     max_leaves=6,
 )
 
+DATUM = [8, 0, 2, 0, 1]  # of `PROJECT`: row of the first point on the axis that is logarithmic
+
 
 def replaced(value, path, new):
     if not path:
@@ -110,6 +112,9 @@ def replaced(value, path, new):
 
 @QUICK
 @given(path=st.lists(st.integers(0, 9), min_size=1, max_size=6), new=VALUES)
+@example(path=DATUM, new=9216)  # 10^9216 pixels from the others on a logarithmic axis
+@example(path=DATUM, new=9206)  # just a number, but not what a pixel beside it is
+@example(path=DATUM, new=4642)  # nor the square of that
 def test_a_project_with_anything_in_any_place_raises_nothing_else(tmp_path_factory, path, new):
     raw = json.dumps(replaced(PROJECT, path, new)).encode("utf-8", "surrogatepass")
     tried(tmp_path_factory.getbasetemp(), ".json", raw)

@@ -80,9 +80,11 @@ def clicked(
 
     Raises
     ------
-    CalibError : numbers beyond all bounds
+    CalibError : numbers beyond all bounds, or uncertainties
     """
-    if not np.isfinite(points).all():
+    modes, (columns, rows) = calibration.modes(pixels), np.moveaxis(calibration.rates(pixels), 2, 0)
+    with np.errstate(over="ignore"):
+        sigma = CLICK_SIGMA * np.hypot(columns, rows)
+    if not all(np.isfinite(one).all() for one in (points, sigma, modes)):
         raise CalibError("its numbers are beyond all bounds; check the calibration of its axes")
-    rates = np.linalg.norm(calibration.rates(pixels), axis=2)
-    return Curve(name, points, CLICK_SIGMA * rates, calibration.modes(pixels), notes=tuple(notes))
+    return Curve(name, points, sigma, modes, notes=tuple(notes))
