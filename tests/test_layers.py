@@ -1,6 +1,8 @@
 """Imports run down the storeys of the house."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import calib
@@ -86,3 +88,14 @@ def test_optimisers_import_nothing_of_calib_but_how_a_function_waits_and_emulato
         if name not in ("optimisers", "execution", "emulation")
     ]
     assert not borrowed, borrowed
+
+
+def test_a_start_imports_nothing_that_it_may_never_need():
+    """Each of these takes every process a tenth to half a second; scipy imports its parts when they are asked for."""
+    late = ("matplotlib", "pint", "scipy.ndimage", "scipy.signal", "scipy.stats")
+    code = (
+        "import sys, calib.workflows.calibrate, calib.workflows.diagnose, calib.workflows.evaluations\n"
+        f"print([name for name in {late} if name in sys.modules])"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout == "[]\n", answer.stdout

@@ -21,7 +21,7 @@ def _trials_undrawn() -> Iterator[pytest.MonkeyPatch]:
 def undrawn() -> Iterator[None]:
     """Leave the pictures of the trials out, and all of the report but its file; also a decorator."""
     with _trials_undrawn() as patch:
-        patch.setattr("calib.workflows.calibrate.render", lambda *shown: "")
+        patch.setattr("calib.report.pages.page.render", lambda *shown: "")
         yield
 
 

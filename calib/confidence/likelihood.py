@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from calib.confidence.covariance import pooled_noise
 from calib.confidence.local import INTERVAL_QUANTILE, Linearised
@@ -81,7 +81,7 @@ class AdjustedLikelihood:
         Of one axis it is the square of Student's t, as in the local interval.
         """
         freedom = float(self.degrees_of_freedom[list(axes)].min())
-        return float(len(axes) * stats.f.ppf(LEVEL, len(axes), freedom))
+        return float(len(axes) * scipy.stats.f.ppf(LEVEL, len(axes), freedom))
 
     @property
     def standard_error(self) -> np.ndarray:

@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
+import scipy
+from scipy.special import ndtr
 
 from calib.confidence.covariance import distance_to_minimum, sandwich, unit_covariance
 from calib.confidence.derivatives import Evaluate, differentiate, why_unusable
@@ -19,7 +20,7 @@ from calib.study import ConfidenceSummary, CorrelationSummary, Outcome, Undeterm
 MAX_EDGE_DISTANCE = 1e-3  # of the window: a value nearer to its end is at its edge  [1]
 MIN_REPORTED_STEP = 1e-6  # of the window: a search that ends nearer to the minimum has converged  [1]
 MIN_REALISED_REDUCTION = 0.5  # of the sum of squares, over that which the linearised problem predicts  [1]; convention
-INTERVAL_QUANTILE = stats.norm.cdf(2.0)  # probability below +2 standard errors of a normal variable  [1]
+INTERVAL_QUANTILE = float(ndtr(2.0))  # probability below +2 standard errors of a normal variable  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +180,7 @@ def _assemble(
 ) -> Confidence:
     """Errors and intervals in the units of the parameters, from a covariance (dim, dim) in the unit cube."""
     value, error = _values(space, u), np.sqrt(np.diag(covariance))
-    half = stats.t.ppf(INTERVAL_QUANTILE, freedom) * error
+    half = scipy.stats.t.ppf(INTERVAL_QUANTILE, freedom) * error
     standard_error, interval = {}, {}
     for k, (name, window) in enumerate(space.windows.items()):
         standard_error[name] = float(error[k] * window.slope(value[name])) if error[k] <= 1.0 else math.inf

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from calib.errors import CalibError
 from calib.modelling.parameter import Space, Window
@@ -50,7 +50,7 @@ class Prior:
                 "none; take a normal one"
             )
         low, high = self._bounds(window)
-        inside = stats.norm.cdf(high) - stats.norm.cdf(low)
+        inside = scipy.stats.norm.cdf(high) - scipy.stats.norm.cdf(low)
         if inside < MIN_PROBABILITY_IN_WINDOW:
             raise CalibError(
                 f"the prior has a probability of {inside:.1g} in the window [{window.low:g}, {window.high:g}] "
@@ -59,7 +59,7 @@ class Prior:
 
     def position(self, probability: np.ndarray, window: Window) -> np.ndarray:
         """Position in the window (n,) below which the prior, cut at the window, has a probability (n,)."""
-        z = stats.truncnorm.ppf(probability, *self._bounds(window))
+        z = scipy.stats.truncnorm.ppf(probability, *self._bounds(window))
         logarithm = self.kind == "lognormal"
         value = np.exp(math.log(self.centre) + self.spread * z) if logarithm else self.centre + self.spread * z
         return np.clip([window.position(one) for one in np.clip(value, window.low, window.high)], 0.0, 1.0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from calib.confidence.covariance import sandwich
 from calib.confidence.derivatives import MAX_CLAIMED_DIFFERENCE
@@ -152,7 +152,7 @@ class Fit:
             return np.full(len(names), np.inf)
         _, freedom, _ = self._sandwich
         index = [self.names.index(name) for name in names]
-        return self.error(names) * stats.t.isf(CRITERIA.tail_probability, freedom[index])
+        return self.error(names) * scipy.stats.t.isf(CRITERIA.tail_probability, freedom[index])
 
     def value(self, name: str) -> float:
         """Value of a parameter, in SI."""

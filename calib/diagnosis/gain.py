@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, TypedDict
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from calib.diagnosis.bench import Bench, Run, SimulatedRows, simulated
 from calib.diagnosis.clock import clock_slopes
@@ -291,7 +291,7 @@ def interval_of_gain(pairs: Sequence[tuple[Squares, Squares]], seed: int) -> tup
     quantiles = np.nanquantile(misfits[0] - misfits[1], [tail, 1.0 - tail])
     before = misfit([one for one, _ in pairs])
     gain = before - misfit([other for _, other in pairs])
-    wider = math.sqrt(segments / (segments - 1.0)) * stats.t.isf(tail, segments - 1) / stats.norm.isf(tail)
+    wider = math.sqrt(segments / (segments - 1.0)) * scipy.stats.t.isf(tail, segments - 1) / scipy.stats.norm.isf(tail)
     low, high = gain + wider * (quantiles - gain)
     return float(low), min(float(high), before)
 

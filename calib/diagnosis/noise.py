@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_banded, solve_toeplitz, toeplitz
-from scipy.signal import lfilter, lfiltic
 from scipy.sparse import dia_array
 from scipy.special import chdtri, ndtr
 
@@ -69,8 +69,8 @@ class Noise:
         if not order or lags <= first.size:
             return np.pad(first, (0, max(0, lags - first.size)))[:lags]
         polynomial = np.concatenate([[1.0], -self.ar])
-        state = lfiltic([1.0], polynomial, first[:0:-1])
-        later, _ = lfilter([1.0], polynomial, np.zeros(lags - first.size), zi=state)
+        state = scipy.signal.lfiltic([1.0], polynomial, first[:0:-1])
+        later, _ = scipy.signal.lfilter([1.0], polynomial, np.zeros(lags - first.size), zi=state)
         return np.concatenate([first, later])
 
     def mean_square_std(self, counted: float) -> float:

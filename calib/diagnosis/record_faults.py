@@ -1,7 +1,7 @@
 """Faults of the records themselves: outliers, and the steps of a converter."""
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+import scipy
 
 from calib.diagnosis.bench import SimulatedRows
 from calib.diagnosis.part import Part
@@ -25,7 +25,7 @@ def outliers(part: Part, simulated: SimulatedRows) -> np.ndarray:
     for rows in (part.measured, part.measured - simulated.rows):
         distance, sigma = deviations(rows)
         far &= distance > MIN_DEVIATION * np.maximum(sigma, 1e-300)
-    jump = uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # most samples about it depart too
+    jump = scipy.ndimage.uniform_filter1d(far.astype(float), 3, axis=1) > 0.5  # most samples about it depart too
     return far & ~jump & ~_recurring(part, rows - smoothed(rows))
 
 
@@ -37,7 +37,8 @@ def _recurring(part: Part, departure: np.ndarray) -> np.ndarray:
     """
     if part.period is None:
         return np.zeros(departure.shape, dtype=bool)
-    highest, lowest = maximum_filter1d(departure, 3, axis=1), minimum_filter1d(departure, 3, axis=1)
+    highest = scipy.ndimage.maximum_filter1d(departure, 3, axis=1)
+    lowest = scipy.ndimage.minimum_filter1d(departure, 3, axis=1)
     cycles, recurrences = np.zeros(part.time.size), np.zeros(departure.shape)
     for number in (-2, -1, 1, 2):
         time = part.time + number * part.cycle * part.period

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from calib.diagnosis.constancy import constancies, differing
 from calib.diagnosis.criteria import CRITERIA
@@ -103,7 +103,7 @@ def _may_be_absent(fit: Fit, cause: Refitted) -> bool:
     size = np.array([fit.value(name) for name in names])
     if not known.all() or (np.abs(size - null) >= half).any():
         return False
-    limit = stats.chi2.ppf(CRITERIA.confidence_level, len(names))
+    limit = scipy.stats.chi2.ppf(CRITERIA.confidence_level, len(names))
     return bool(cause.chi2_reduction / fit.inflation(names) < limit)
 
 

@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from itertools import combinations
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
@@ -199,7 +199,7 @@ def is_pair_significant(
         return False
     reduction, pair = predicted[0]
     free = sum(len(candidate.free) for candidate in pair)
-    chance = stats.chi2.isf((1.0 - CRITERIA.confidence_level) / len(predicted), free)
+    chance = scipy.stats.chi2.isf((1.0 - CRITERIA.confidence_level) / len(predicted), free)
     return final.chi2 - (about.chi2 - reduction) > chance
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from calib.diagnosis.criteria import CRITERIA
 from calib.diagnosis.evidence import Evidence
@@ -139,4 +139,4 @@ def _in_confidence_region(special: Refitted, general: Refitted, dispersion: floa
 
 def _confidence_limit(further: int) -> float:
     """Rise of chi-square at the edge of the confidence region of so many further parameters (likelihood ratio)."""
-    return float(chi2.ppf(CRITERIA.confidence_level, max(1, further)))
+    return float(scipy.stats.chi2.ppf(CRITERIA.confidence_level, max(1, further)))

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
+from scipy.special import ndtri
 
 from calib.confidence.covariance import sandwich
 from calib.diagnosis.criteria import CRITERIA
@@ -167,10 +168,10 @@ def deviate(chi2: np.ndarray | float, freedom: int) -> np.ndarray:
     square = np.asarray(np.maximum(0.0, chi2))
     if freedom == 1:
         return np.sqrt(square)
-    log = stats.chi2.logsf(square, freedom)
+    log = scipy.stats.chi2.logsf(square, freedom)
     underflows = ~(log > MIN_LOG_PROBABILITY)
     asymptotic = np.sqrt(np.maximum(0.0, square - (freedom - 1) * np.log(np.maximum(square, 2.0))))
-    return np.where(underflows, asymptotic, stats.norm.isf(0.5 * np.exp(np.where(underflows, 0.0, log))))
+    return np.where(underflows, asymptotic, -ndtri(0.5 * np.exp(np.where(underflows, 0.0, log))))
 
 
 def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, signs: Sequence[int]) -> float:
@@ -186,7 +187,7 @@ def threshold(signatures: Sequence[Signature], segments: np.ndarray, seed: int, 
     bases = [(_orthonormal(signature.columns), sign) for signature, sign in zip(signatures, signs, strict=True)]
     bases = [(basis, sign) for basis, sign in bases if basis.shape[1]]
     if not bases:
-        return float(stats.norm.isf(0.5 * (1.0 - CRITERIA.threshold_quantile)))
+        return float(-ndtri(0.5 * (1.0 - CRITERIA.threshold_quantile)))
     ranks = np.array([basis.shape[1] for basis, _ in bases])
     whole = np.column_stack([basis for basis, _ in bases])
     parts = _products(whole, whole, segments)

@@ -10,10 +10,9 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
+import scipy
 import xarray as xr
 from scipy.linalg import block_diag
-from scipy.signal import chirp
-from scipy.signal.windows import tukey
 
 from calib.diagnosis.bench import Bench, Run, SimulatedRows
 from calib.diagnosis.clock import CLOCK_RATE_STD, uncertain_clock
@@ -184,8 +183,8 @@ def _sweep(point: DesignPoint, excitation: Excitation, samples: int) -> Excitati
     """Logarithmic sweep, tapered at its ends, of as many samples as a record has."""
     first, last = point.setting("frequency"), point.setting("end_frequency")
     time = np.arange(samples) / (SWEEP_SAMPLES_PER_PERIOD * last)
-    wave = chirp(time, first, time[-1], last, method="logarithmic", phi=-90.0)
-    value = point.setting("amplitude") * wave * tukey(samples, SWEEP_TAPER)
+    wave = scipy.signal.chirp(time, first, time[-1], last, method="logarithmic", phi=-90.0)
+    value = point.setting("amplitude") * wave * scipy.signal.windows.tukey(samples, SWEEP_TAPER)
     return Excitation(excitation.place, excitation.quantity, excitation.unit, time=time, value=value)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import TypeGuard, TypeVar
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.criteria import CRITERIA
@@ -248,7 +248,7 @@ class Refitted(_OfCandidate):
 
 def _half_width(error: np.ndarray) -> np.ndarray:
     """Half widths (p,) of the 95 % intervals of sizes of these standard errors (p,)."""
-    return float(stats.norm.isf(CRITERIA.tail_probability)) * error
+    return float(scipy.stats.norm.isf(CRITERIA.tail_probability)) * error
 
 
 Screened = Untestable | Scored

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from calib.confidence.covariance import sandwich
 from calib.diagnosis.constancy import cochran, variation
@@ -48,12 +48,12 @@ class Transfer:
     @property
     def half_width(self) -> float:
         """Half width of its 95 % interval, by Student's t."""
-        return self.error * float(stats.t.isf(CRITERIA.tail_probability, self.freedom))
+        return self.error * float(scipy.stats.t.isf(CRITERIA.tail_probability, self.freedom))
 
     @property
     def normal_error(self) -> float:
         """Standard error of a normal distribution that has the same 95 % interval."""
-        return self.half_width / float(stats.norm.isf(CRITERIA.tail_probability))
+        return self.half_width / float(scipy.stats.norm.isf(CRITERIA.tail_probability))
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def agreements(transfers: Sequence[Transfer], threshold: float) -> tuple[Agreeme
         variance = raw_variance + np.array([t.bias**2 for t in own])
         q, degrees, mean_chi2 = cochran(size, np.diag(variance), same)
         z = float(deviate(q, degrees))
-        limit = float(stats.chi2.isf(2.0 * stats.norm.sf(threshold), degrees))
+        limit = float(scipy.stats.chi2.isf(2.0 * scipy.stats.norm.sf(threshold), degrees))
         compared.append(
             Agreement(
                 parameter=name,

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 import xarray as xr
-from scipy import stats
+from scipy.special import chdtrc, chdtri
 
 MAX_TRUSTED_DEVIATION = 3.0  # of a point in doubt from its model, in standard deviations: up to it the weight is 1
 MAX_DOUBTED_RATIO = 1.15  # of what any distance of a point in doubt counts as, to the largest that counts in full  [1]
@@ -26,7 +26,7 @@ def largest_noise(parts: int, deviation: float) -> float:
 
     A quantile of chi's distribution. Parts and distance in standard uncertainties.
     """
-    return float(np.sqrt(stats.chi2.isf(stats.chi2.sf(deviation**2, 1), parts)))
+    return float(np.sqrt(chdtri(parts, chdtrc(1, deviation**2))))
 
 
 def in_doubt(values: np.ndarray, sigma: np.ndarray, frequency: np.ndarray, parts: int) -> np.ndarray:

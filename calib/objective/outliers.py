@@ -5,7 +5,7 @@ Davies & Gather, J. Am. Stat. Assoc. 88 (1993) 782).
 """
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 STD_PER_MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
 WINDOW_SAMPLES = 7  # samples
@@ -16,7 +16,7 @@ MIN_NEIGHBOUR_RATIO = 2.0  # of it to those of the two samples beside it
 
 def smoothed(rows: np.ndarray) -> np.ndarray:
     """Rows (row, n) with each sample replaced by the median of those about it."""
-    return median_filter(rows, (1, WINDOW_SAMPLES))
+    return scipy.ndimage.median_filter(rows, (1, WINDOW_SAMPLES))
 
 
 def deviations(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

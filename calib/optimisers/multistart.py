@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats.qmc import Sobol
+import scipy
 
 from calib.optimisers import least_squares, model_search
 from calib.optimisers.archive import Archive
@@ -76,7 +76,7 @@ class Multistart:
     def __init__(self, dim: int, seed: int, budget: int = 1000, batch: int = 1, screen: int | None = None):
         self._dim, self._budget, self._batch = dim, budget, batch
         self._first = max(1, min(4 * dim if screen is None else screen, budget // MAX_SCREEN_FRACTION))
-        self._sobol = Sobol(dim, rng=np.random.default_rng([seed, 1]))
+        self._sobol = scipy.stats.qmc.Sobol(dim, rng=np.random.default_rng([seed, 1]))
         self._rng = np.random.default_rng([seed, 2])
         self._archive = Archive(dim)
         self._screened: list[tuple[np.ndarray, OutcomeLike]] = []

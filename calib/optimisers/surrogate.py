@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats.qmc import Sobol
+import scipy
 from threadpoolctl import ThreadpoolController
 
 from calib.optimisers import emulated_residuals
@@ -48,7 +48,7 @@ class Surrogate:
                 f"screen: expected no negative number of points, got {screen}; leave it out for the default"
             )
         self._dim, self._budget, self._batch, self._size = dim, budget, batch, screen
-        self._sobol = Sobol(dim, rng=np.random.default_rng([seed, 1]))
+        self._sobol = scipy.stats.qmc.Sobol(dim, rng=np.random.default_rng([seed, 1]))
         self._rng = np.random.default_rng([seed, 2])
         self._evaluated: list[tuple[np.ndarray, OutcomeLike]] = []
         self._spread: list[int] = []  # of the evaluated points, those of the screen and of expected improvement

@@ -1,8 +1,8 @@
 """The trend of a cost over the whole window: a quadratic fitted to the screened costs."""
 
 import numpy as np
+import scipy
 from scipy.special import ndtri
-from scipy.stats import rankdata
 
 from calib.optimisers.quadratic import monomials, unpack
 
@@ -22,7 +22,7 @@ def lowest_of_trend(points: np.ndarray, costs: np.ndarray) -> np.ndarray | None:
     dim = points.shape[1]
     if len(points) < 2 * (dim + 2):
         return None
-    z, scores = 2 * points - 1, ndtri((rankdata(costs) - 0.5) / len(costs))
+    z, scores = 2 * points - 1, ndtri((scipy.stats.rankdata(costs) - 0.5) / len(costs))
     _, coefficients = min(
         (isotropic_fit(z, scores, stiffness) for stiffness in ANISOTROPY_PENALTIES), key=lambda fit: fit[0]
     )

@@ -1,7 +1,7 @@
 """The zero-phase low-pass of sampled values."""
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+import scipy
 
 from calib.errors import CalibError
 from calib.records.rounded_time import rounding_hint
@@ -35,6 +35,6 @@ def low_pass(values: np.ndarray, time: np.ndarray, cutoff: float) -> np.ndarray:
         raise CalibError(
             f"a cutoff must lie between 0 and half the sampling rate ({0.5 * rate:.6g} Hz), got {cutoff:.6g} Hz"
         )
-    filter_ = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
+    filter_ = scipy.signal.butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
     padding = min(values.shape[-1] - 1, int(3.0 * rate / cutoff))  # three periods of the cutoff
-    return sosfiltfilt(filter_, values, axis=-1, padlen=padding)
+    return scipy.signal.sosfiltfilt(filter_, values, axis=-1, padlen=padding)

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.polynomial import legendre, polynomial
 from scipy.fft import next_fast_len
-from scipy.signal import hilbert
 
 SIGNAL_ORDERS, NOISE_ORDERS = 3, 6  # Legendre polynomials of the motion, and of the noise beside it  [count]
 ORDERS_BESIDE = range(2, 6)  # that are fitted beside the motion
@@ -104,7 +104,7 @@ def windows_of_cycles(
     highest : harmonic of the motions that is tracked
     """
     centred = drive - drive.mean()
-    phase = np.unwrap(np.angle(hilbert(centred, next_fast_len(centred.size))[: centred.size]))
+    phase = np.unwrap(np.angle(scipy.signal.hilbert(centred, next_fast_len(centred.size))[: centred.size]))
     advanced = np.maximum.accumulate(phase) / (2.0 * math.pi * cycles)
     edges = np.searchsorted(advanced, np.arange(math.ceil(advanced[0]), math.floor(advanced[-1]) + 1))
     signals, windows, start = np.vstack([drive, rows]), list[TrackedWindow](), 0

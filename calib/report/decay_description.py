@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError
-from calib.report.plots.decay import BodyDecay, body_decays
+from calib.records.decay import BodyDecay, body_decays
 from calib.units import shown
 
 TOLD_AMPLITUDES = 3  # largest, middle and smallest, of which frequency and damping ratio are told

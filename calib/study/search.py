@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.stats.qmc import Sobol
+import scipy
 
 from calib.errors import CalibError
 from calib.execution.interrupt import uninterrupted
@@ -262,7 +262,7 @@ def _sobol(dim: int, seed: int, size: int) -> np.ndarray:
     """Scrambled Sobol points (size, dim): the first `size` of the power of two that holds them."""
     if not size:
         return np.empty((0, dim))
-    return Sobol(dim, rng=np.random.default_rng([seed, 0])).random_base2((size - 1).bit_length())[:size]
+    return scipy.stats.qmc.Sobol(dim, rng=np.random.default_rng([seed, 0])).random_base2((size - 1).bit_length())[:size]
 
 
 def _checked(asked: Any, dim: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from calib.dynamics.setting import Setting
 from calib.dynamics.single_run import MIN_SECTION_CYCLES
@@ -141,7 +141,7 @@ class Sweep:
 
 def latin_hypercube(windows: Mapping[str, Window], count: int, seed: int) -> dict[str, np.ndarray]:
     """Draw `count` points of which every parameter has one in each of `count` equal stretches of its window (SI)."""
-    drawn = qmc.LatinHypercube(len(windows), rng=np.random.default_rng(seed)).random(count)
+    drawn = scipy.stats.qmc.LatinHypercube(len(windows), rng=np.random.default_rng(seed)).random(count)
     return {
         name: np.array([window.value(u) for u in column.tolist()])
         for (name, window), column in zip(windows.items(), drawn.T, strict=True)

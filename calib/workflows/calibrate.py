@@ -16,8 +16,6 @@ from calib.execution.files import whole
 from calib.execution.pool import Failure, in_order
 from calib.objective import Objective, record_misfit
 from calib.records import OK, failed
-from calib.report.pages.page import render
-from calib.report.plots.motion import trial_picture
 from calib.store import Header, Store, Trial, read
 from calib.store.trial import best
 from calib.study import (
@@ -171,7 +169,7 @@ def _calibrate(file: StudyFile, folder: Path, progress: Progress, fresh: bool) -
     for doubt in doubtful_records(file):
         progress.note(f"mind: {doubt}")
     check_simulator_runs(file, progress.stage)
-    store = Store(folder, file.view, file.keep, partial(trial_picture, objective=study.objective))
+    store = Store(folder, file.view, file.keep, partial(_pictured, study.objective))
     with Evaluations(file, folder, progress.note, progress.compiling) as evaluations:
         search = _searched(study, store, evaluations, progress, fresh)
         with store.locked():
@@ -297,8 +295,17 @@ def _summarised(
     )
 
 
+def _pictured(objective: Objective, trial: Trial, records: Mapping[str, xr.Dataset]) -> bytes:
+    """Picture of a trial  [PNG]."""
+    from calib.report.plots.motion import trial_picture  # 0.5 s with matplotlib, which many a start can do without
+
+    return trial_picture(trial, records, objective)
+
+
 def _reported(file: StudyFile, folder: Path, calibrated: Calibrated) -> Path:
     """Write report.html; return its path."""
+    from calib.report.pages.page import render  # see _pictured
+
     study, point = file.study, calibrated.point
     known = {**study.objective.references, **file.others}
     records: dict[str, xr.Dataset] = {}

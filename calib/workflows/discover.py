@@ -7,6 +7,7 @@ from typing import Any
 from calib.diagnosis.discovery.artifacts import write_discovery
 from calib.diagnosis.discovery.discover import discover
 from calib.diagnosis.discovery.document import DiscoveryResult
+from calib.diagnosis.discovery.serialise import discovery_result
 from calib.diagnosis.effort import Budget
 from calib.execution.files import whole
 from calib.report.plots.found_force import found_force_figure
@@ -66,7 +67,7 @@ def discover_study(
             file.study, file.others, values, file.suspects(), seed=file.study.seed if seed is None else seed,
             on_stage=on_stage, on_progress=on_progress, budget=limit, kept=kept,
         )  # fmt: skip
-        result = write_discovery(discovery, file.folder, values)
+        result = write_discovery(discovery_result(discovery, values), file.folder)
         if not discovery.cut_short:
             kept.remove()
     figure = found_force_figure(result)

@@ -53,7 +53,7 @@ def best(folder):
 def drawn(monkeypatch):
     """What pages are made of, one entry a page; they are not drawn."""
     asked = []
-    monkeypatch.setattr("calib.workflows.calibrate.render", lambda *given: asked.append(given) or "")
+    monkeypatch.setattr("calib.report.pages.page.render", lambda *given: asked.append(given) or "")
     return asked
 
 

@@ -72,7 +72,7 @@ def test_records_may_have_names_that_no_address_could_have(tmp_path):
 @undrawn()
 def test_the_page_of_a_ledger_that_holds_half_a_surrogate_pair_is_written(tmp_path, monkeypatch):
     with monkeypatch.context() as patched:  # undone before what draws nothing is
-        patched.setattr("calib.workflows.calibrate.render", lambda *shown: "no \ud83d")
+        patched.setattr("calib.report.pages.page.render", lambda *shown: "no \ud83d")
         calibrate(write_study(tmp_path), quiet=True)
     assert (tmp_path / "out" / "report.html").read_text(encoding="utf-8") == r"no \ud83d"
 

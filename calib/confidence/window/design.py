@@ -1,7 +1,7 @@
 """The points that are evaluated next: where they make the boundary of the window most certain."""
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from calib.confidence.window.observed import KIND_MARGIN, Observed
 from calib.confidence.window.region import Region, emulated
@@ -17,7 +17,7 @@ SEED_STRIDE = 1000  # between the random numbers of two batches
 
 def space_filling(dim: int, number: int, seed: int) -> np.ndarray:
     """First points (number, dim) of a scrambled Sobol sequence."""
-    sequence = qmc.Sobol(dim, seed=seed)
+    sequence = scipy.stats.qmc.Sobol(dim, seed=seed)
     return sequence.random(1 << max(number - 1, 1).bit_length())[:number]
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from calib.confidence.window.emulated_margin import EmulatedMargin, emulated_margin, kind_margin
 from calib.confidence.window.observed import KIND_MARGIN, Observed
@@ -34,7 +34,7 @@ class Region:
         columns = []
         for margin in self.margins:
             mean, std = margin.predicted(points)
-            columns.append(norm.cdf(mean / std))
+            columns.append(ndtr(mean / std))
         return np.column_stack(columns) if columns else np.ones((len(points), 0))
 
     def probability(self, points: np.ndarray) -> np.ndarray:

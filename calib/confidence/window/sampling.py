@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from calib.confidence.window.region import BOUNDARY_PERFORMANCE, Region
 from calib.confidence.window.subset import subset_simulation
@@ -64,7 +64,7 @@ def region_sample(
     replicates : subset simulations
     """
     dim = inside.shape[1]
-    points = qmc.Sobol(dim, seed=seed).random(number)
+    points = scipy.stats.qmc.Sobol(dim, seed=seed).random(number)
     weight, replicate = np.full(number, 1.0 / number), np.zeros(number, dtype=int)
     probability, variance = region.probability(points), 0.0
     if (probability >= 0.5).sum() < MIN_INSIDE_POINTS:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from calib.confidence.window.region import Region
 
@@ -64,7 +64,7 @@ def largest_box(region: Region, centre: np.ndarray) -> tuple[np.ndarray, np.ndar
     inside.
     """
     dim = centre.size
-    unit = qmc.Sobol(dim, seed=0).random(BOX_TEST_POINTS)
+    unit = scipy.stats.qmc.Sobol(dim, seed=0).random(BOX_TEST_POINTS)
     if dim <= MAX_CORNER_DIM:
         corners = np.array(np.meshgrid(*[[0.0, 1.0]] * dim)).reshape(dim, -1).T
         unit = np.vstack([unit, corners])

@@ -13,10 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
-from scipy.stats import qmc
 
 LEVEL_SHARE = 0.15  # of the points of a level that reach the next one  [1]
 MAX_LEVELS = 12  # a part of 0.15^12 of the cube, 1e-10
@@ -68,7 +68,7 @@ def subset_simulation(
     seed : of everything random
     """
     rng = np.random.default_rng(seed)
-    points = qmc.Sobol(dim, seed=seed).random(number)
+    points = scipy.stats.qmc.Sobol(dim, seed=seed).random(number)
     scores, level = score(points), -np.inf
     passed, volumes, below, variance = list[np.ndarray](), [1.0], 0.0, 0.0
     for _ in range(MAX_LEVELS):

@@ -1,8 +1,8 @@
 """The rate of a recorder's clock against that of the drive, by the phases of the cycles of a steady motion."""
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy import stats
 
 from calib.records.cycles.loop import cycles_in, period_of, sampled
 from calib.records.cycles.mean_cycle import IN_STEP_TOLERANCE, mean_cycle
@@ -49,13 +49,13 @@ def clock_rate(record: xr.Dataset, periods: int = 1) -> float:
         centre, shift = _shifts((1.0 + rate) * time, rows, period, periods, number)
         if centre.size < MIN_RATE_CYCLES:
             return 0.0
-        line = stats.linregress(centre, shift)
+        line = scipy.stats.linregress(centre, shift)
         if abs(line.slope) <= 0.1 * line.stderr or abs(line.slope * time[-1]) <= 1e-6 * period:
             break
         rate += line.slope * (1.0 + rate)
     else:
         return 0.0
-    limit = stats.t.isf(0.5 * TAIL_PROBABILITY, centre.size - 3)
+    limit = scipy.stats.t.isf(0.5 * TAIL_PROBABILITY, centre.size - 3)
     in_step = abs(rate) * (time[-1] - time[0]) <= IN_STEP_TOLERANCE * period / samples
     if in_step or abs(rate) <= limit * line.stderr or _bends(centre, shift, limit):
         return 0.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from calib.errors import CalibError
 
@@ -54,7 +54,7 @@ class AnalyticSignal:
         """Amplitude (n,), its root mean square over a period  [unit]."""
         count = min(self.period, self.time.size)
         padded = np.pad(self.amplitude**2, (count // 2, (count - 1) // 2), "edge")
-        return np.asarray(np.sqrt(np.maximum(signal.fftconvolve(padded, np.ones(count), "valid") / count, 0.0)))
+        return np.asarray(np.sqrt(np.maximum(scipy.signal.fftconvolve(padded, np.ones(count), "valid") / count, 0.0)))
 
     @property
     def inside(self) -> slice:
@@ -64,7 +64,9 @@ class AnalyticSignal:
     def _averaged(self, values: np.ndarray) -> np.ndarray:
         count = 2 * (self.period // 2) + 1
         slope = (values[-1] - values[0]) / (values.size - 1) * np.arange(values.size)  # what remains may be mirrored
-        return np.asarray(signal.fftconvolve(_mirrored(values - slope, count), np.ones(count) / count, "valid") + slope)
+        return np.asarray(
+            scipy.signal.fftconvolve(_mirrored(values - slope, count), np.ones(count) / count, "valid") + slope
+        )
 
 
 def _mirrored(values: np.ndarray, count: int) -> np.ndarray:
@@ -77,7 +79,7 @@ def dominant_frequency(time: np.ndarray, values: np.ndarray) -> float:
     time : (n,) increasing; where it is not uniform, values are interpolated linearly  [s]
     """
     values = np.interp(np.linspace(time[0], time[-1], time.size), time, values)
-    window = signal.windows.hann(values.size, sym=False)
+    window = scipy.signal.windows.hann(values.size, sym=False)
     size = ZERO_PADDING * values.size
     power = np.abs(np.fft.rfft(window * (values - values.mean()), size)) ** 2
     lowest = 2 * ZERO_PADDING  # lines below are of the mean, through the window
@@ -122,12 +124,12 @@ def analytic_signal(time: np.ndarray, values: np.ndarray) -> AnalyticSignal:
     low, high = (dominant * share for share in PASS_BAND)
     even = even - even.mean()
     if high < 0.49 * rate:
-        band = signal.butter(BAND_PASS_ORDER, (low, high), "bandpass", fs=rate, output="sos")
+        band = scipy.signal.butter(BAND_PASS_ORDER, (low, high), "bandpass", fs=rate, output="sos")
     else:
-        band = signal.butter(BAND_PASS_ORDER, low, "highpass", fs=rate, output="sos")
+        band = scipy.signal.butter(BAND_PASS_ORDER, low, "highpass", fs=rate, output="sos")
     padding = min(even.size - 1, int(END_PERIODS * rate / dominant))
-    passed = signal.sosfiltfilt(band, even, padlen=padding)
-    analytic = signal.hilbert(_faded(passed, padding))[padding : padding + even.size]
+    passed = scipy.signal.sosfiltfilt(band, even, padlen=padding)
+    analytic = scipy.signal.hilbert(_faded(passed, padding))[padding : padding + even.size]
     return AnalyticSignal(uniform, dominant, np.abs(analytic), np.unwrap(np.angle(analytic)))
 
 

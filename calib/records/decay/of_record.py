@@ -1,17 +1,29 @@
-"""The smoother of one body's channel in the record of a free decay."""
+"""The smoother of one body's channel in the record of a free decay, and its curves over amplitude."""
 
+from collections.abc import Iterator
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from calib.errors import CalibError, nearest
+from calib.records.decay.curves import amplitude_curves
 from calib.records.decay.free_motion import smoothed_decay
 from calib.records.decay.smoother import SmoothedDecay
 from calib.records.record import STATE, channels
 
 FREE_DECAY = "free decay"
 MAX_REMEMBERED = 32  # smoothed records that are remembered: several features and pictures are made of one
+
+
+class BodyDecay(NamedTuple):
+    """The decay of one body: its channel, how it is smoothed, and its curves over amplitude."""
+
+    body: str
+    channel: str
+    smoothed: SmoothedDecay
+    curves: xr.Dataset
 
 
 def is_free_decay(record: xr.Dataset) -> bool:
@@ -60,6 +72,17 @@ def smoothed_record(record: xr.Dataset, body: str, channel: str) -> SmoothedDeca
         return _smoothed(record.time.values.tobytes(), record[channel].values[row].tobytes(), sigma)
     except CalibError as error:
         raise CalibError(f"{channel} of {body}: {error}") from error
+
+
+def body_decays(record: xr.Dataset) -> Iterator[BodyDecay | CalibError]:
+    """Decays of the bodies of a record, or why one cannot be told."""
+    for body in (str(name) for name in record.body.values):
+        try:
+            channel = decay_channel(record)
+            smoothed = smoothed_record(record, body, channel)
+            yield BodyDecay(body, channel, smoothed, amplitude_curves(smoothed))
+        except CalibError as error:
+            yield error
 
 
 @lru_cache(maxsize=MAX_REMEMBERED)

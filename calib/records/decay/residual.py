@@ -1,7 +1,7 @@
 """What the fit of a decay leaves: the noise about the motion's frequency, and other modes."""
 
 import numpy as np
-from scipy import ndimage, signal
+import scipy
 
 from calib.records.decay.oscillation import Oscillation
 
@@ -56,8 +56,8 @@ def outlying(one: Oscillation) -> np.ndarray:
     size = np.abs(one.residual)
     turns = np.ptp(one.basis.matrix(one.time) @ one.phase) / (2.0 * np.pi)
     window = 2 * int(0.5 * OUTLIER_PERIODS * size.size / turns) + 1
-    limit = OUTLIER_MEDIANS * ndimage.median_filter(size, window, mode="nearest")
-    largest = ndimage.maximum_filter(np.where(one.used, size, 0.0), window, mode="nearest")
+    limit = OUTLIER_MEDIANS * scipy.ndimage.median_filter(size, window, mode="nearest")
+    largest = scipy.ndimage.maximum_filter(np.where(one.used, size, 0.0), window, mode="nearest")
     return np.asarray((size > limit) & (size > OUTLIER_SHARE * largest))
 
 
@@ -70,7 +70,7 @@ def other_mode(one: Oscillation, largest: float) -> float | None:
     uniform = np.linspace(time[0], time[-1], time.size)
     length = time[-1] - time[0]
     values = np.interp(uniform, time, residual)
-    frequency, power = signal.periodogram(values, (time.size - 1) / length, "hann", scaling="spectrum")
+    frequency, power = scipy.signal.periodogram(values, (time.size - 1) / length, "hann", scaling="spectrum")
     own = one.basis.matrix(uniform, 1) @ one.phase / (2.0 * np.pi)
     low, high = float(own.min()), float(own.max())
     margin = max(MIN_MODE_DISTANCE * high, MIN_MODE_BEATS / length)

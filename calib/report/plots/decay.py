@@ -1,8 +1,5 @@
 """Free decays: frequency and damping ratio over amplitude, measured and simulated."""
 
-from collections.abc import Iterator
-from typing import NamedTuple
-
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
@@ -10,14 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calib.errors import CalibError
-from calib.records.decay import (
-    SmoothedDecay,
-    amplitude_curves,
-    crossing_curves,
-    decay_channel,
-    over_amplitude,
-    smoothed_record,
-)
+from calib.records.decay import BodyDecay, body_decays, crossing_curves, over_amplitude
 from calib.report.plots.records import channel_axis, has_channels
 from calib.report.plots.style import (
     LINE,
@@ -38,26 +28,6 @@ DECAY_MARGIN = 0.35  # of the range of the curve, above and below it  [1]
 SIMULATED_MARGIN = 0.05  # of the axis, beyond a simulated curve  [1]
 LABELS = {"frequency": "Frequency [Hz]", "damping_ratio": "Damping ratio [%]"}
 FACTORS = {"frequency": 1.0, "damping_ratio": 100.0}  # of the axes: the damping ratio is in per cent
-
-
-class BodyDecay(NamedTuple):
-    """The decay of one body: its channel, how it is smoothed, and its curves over amplitude."""
-
-    body: str
-    channel: str
-    smoothed: SmoothedDecay
-    curves: xr.Dataset
-
-
-def body_decays(record: xr.Dataset) -> Iterator[BodyDecay | CalibError]:
-    """Decays of the bodies of a record, or why one cannot be told."""
-    for body in (str(name) for name in record.body.values):
-        try:
-            channel = decay_channel(record)
-            smoothed = smoothed_record(record, body, channel)
-            yield BodyDecay(body, channel, smoothed, amplitude_curves(smoothed))
-        except CalibError as error:
-            yield error
 
 
 def decay_curves(measured: xr.Dataset, simulated: xr.Dataset | None) -> Figure | None:

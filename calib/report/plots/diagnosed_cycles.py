@@ -10,8 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy.signal import lfilter
 
 from calib.records import STATE
 from calib.records.cycles import mean_cycle
@@ -64,7 +64,7 @@ def _response(motion: xr.Dataset, row: int) -> np.ndarray:
     """Impulse response (IMPULSE_SAMPLES,) of the autoregression of a row's noise  [unit of the row]."""
     impulse = np.eye(1, IMPULSE_SAMPLES)[0]
     feedback = np.concatenate([[1.0], -motion.memory.values[row]])
-    return float(motion.innovation[row]) * lfilter([1.0], feedback, impulse)
+    return float(motion.innovation[row]) * scipy.signal.lfilter([1.0], feedback, impulse)
 
 
 def compared_rows(motion: xr.Dataset) -> list[tuple[int, str, str, str]]:

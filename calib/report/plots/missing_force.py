@@ -8,11 +8,11 @@ from typing import Literal, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+import scipy
 import xarray as xr
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
-from scipy.signal import savgol_coeffs
 
 from calib.report.plots.diagnosed_cycles import compared_cycle, state_rows
 from calib.report.plots.diagnosed_residuals import MAX_RESIDUAL_DOTS
@@ -57,7 +57,7 @@ def missing_acceleration(motion: xr.Dataset, rows: tuple[int, int]) -> MissingAc
     width = 2 * max(2, round(0.4 * radian)) + 1
     if v.abscissa.size < 4 * width:
         return None
-    taps = savgol_coeffs(width, 2, deriv=1, delta=step, use="dot")
+    taps = scipy.signal.savgol_coeffs(width, 2, deriv=1, delta=step, use="dot")
     residual, fine = v.measured - v.calibrated, v.weight > 0.8
     half = width // 2
     mode: Literal["wrap", "edge"] = "wrap" if "period" in motion.attrs else "edge"

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from calib.execution.files import whole
 from calib.records import STATE, channels, is_response, prescribed, stated_period
 from calib.records.cycles import impact
-from calib.records.decay import is_free_decay
-from calib.report.plots.decay import BodyDecay, body_decays, draw_decay
+from calib.records.decay import BodyDecay, body_decays, is_free_decay
+from calib.report.plots.decay import draw_decay
 from calib.report.plots.measured_response import response_picture
 from calib.report.plots.records import channel_axis, time_axis, two_periods
 from calib.report.plots.style import DPI, MARK, MEASURED, STYLE, TEXT_WIDTH, line, png, thin

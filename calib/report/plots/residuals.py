@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+import scipy
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import signal
 
 from calib.records import prescribed, stated_period
 from calib.report.formatting import number
@@ -201,7 +201,7 @@ def _spectra(axes: Axes, time: np.ndarray, measured: np.ndarray, residual: np.nd
     rate = (time.size - 1) / (time[-1] - time[0])
     length = min(time.size, max(256, time.size // 8))
     for values, colour, label in ((measured, MEASURED, "measured"), (residual, SIMULATED, "residual")):
-        frequency, power = signal.welch(values, rate, nperseg=length, detrend="linear")
+        frequency, power = scipy.signal.welch(values, rate, nperseg=length, detrend="linear")
         keep = thin(frequency.size - 1, 1500) + 1
         axes.loglog(frequency[keep], np.sqrt(power[keep]), color=colour, linewidth=1.0, label=label)
     logarithmic(axes.xaxis, frequency[1], frequency[-1])

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from calib.sweep.sensitivity.design import SensitivityDesign
 from calib.sweep.sensitivity.document import GIVEN_DATA, SALTELLI, Estimate, Influence
@@ -17,7 +17,7 @@ MIN_OTHER_SAMPLES = 25  # that show another value than the most frequent one, be
 MIN_POINTS = 40  # that show an output, below which no index is given from them
 MIN_PAIRS = 20  # points A and A_Bi that both show an output, below which no total index is given from them
 HARMONICS = 6  # of the mean output over a parameter's rank, whose variance is its first-order index
-HALF_WIDTH = float(norm.ppf(0.5 * (1.0 + CONFIDENCE)))  # of an interval, in standard deviations of the bootstrap
+HALF_WIDTH = float(ndtri(0.5 * (1.0 + CONFIDENCE)))  # of an interval, in standard deviations of the bootstrap
 
 
 class SaltelliRows(NamedTuple):

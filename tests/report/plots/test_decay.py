@@ -8,7 +8,8 @@ from decays import linear, noisy, record
 from matplotlib.image import imread
 
 from calib.errors import CalibError
-from calib.report.plots.decay import body_decays, decay_curves
+from calib.records.decay import body_decays
+from calib.report.plots.decay import decay_curves
 from calib.report.plots.reference import reference_picture
 from calib.report.record_description import record_description
 
