@@ -31,7 +31,7 @@ from calib.report.pages.diagnosis.sizes import (
     size_alone,
     sizes,
 )
-from calib.report.pages.diagnosis.suspects import outcome
+from calib.report.pages.diagnosis.suspects import explained_share, outcome
 from calib.report.plots.suspects import SuspectOutcome
 from calib.units import count
 from calib.workflows.command_line import command_line
@@ -135,7 +135,7 @@ def show(diagnosis: DiagnosisResult, folder: Path, extended: Path | None, consol
 def _suspects(diagnosis: DiagnosisResult, width: int) -> Table:
     threshold = "" if diagnosis.threshold is None else f" (threshold |z| = {diagnosis.threshold:.2f})"
     table = Table(title=f"suspects, each alone in the model{threshold}", title_justify="left")
-    wide = width >= FULL_TABLE_COLUMNS
+    wide, estimated = width >= FULL_TABLE_COLUMNS, False
     table.add_column("effect", no_wrap=True)
     for heading in ("z", "explains", "size, 95 % interval", *(("detectable", "absorbed") if wide else ())):
         table.add_column(heading, justify="right", no_wrap=not heading.startswith("size"))
@@ -151,6 +151,9 @@ def _suspects(diagnosis: DiagnosisResult, width: int) -> Table:
         least = None if absorbed else suspect.detectable[first]
         further = quantity(least, suspect.units[first], 2), f"{suspect.absorbed:.0%}"
         table.add_row(*row, *(further if wide else ()))
+        estimated |= row[2].endswith("*")
+    if estimated:
+        table.caption = "*: estimate without a new fit"
     return table
 
 
@@ -165,9 +168,11 @@ def _refused(suspects: Sequence[SuspectResult]) -> list[str]:
 
 
 def _explains(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
-    if outcome(suspect, diagnosis) == SuspectOutcome.WRONG_SIGN:
+    judged = outcome(suspect, diagnosis)
+    if judged == SuspectOutcome.WRONG_SIGN:
         return "wrong sign"
-    return explained(suspect.share) if suspect.share is not None and suspect.refitted else "-"
+    share = explained_share(suspect, judged, diagnosis)
+    return "-" if share is None else explained(share) + ("" if suspect.refitted else "*")
 
 
 def _gain(diagnosis: DiagnosisResult) -> list[str]:

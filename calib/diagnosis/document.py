@@ -67,7 +67,8 @@ class SuspectResult:
 class JointSize:
     """Sizes of a cause by parameter, all causes and calibrated parameters being fitted together; in SI.
 
-    `bias` is the standard deviation of the bias that what is not modelled may give a size.
+    Parameters that give it its form, such as an exponent, are among them where they were fitted. `bias` is the
+    standard deviation of the bias that what is not modelled may give a size.
     """
 
     size: Mapping[str, float | None] = field(default_factory=dict)

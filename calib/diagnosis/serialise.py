@@ -1,6 +1,6 @@
 """A diagnosis as what diagnosis.json holds."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -149,13 +149,15 @@ def _each(kind: type[T], sources: Iterable[Any]) -> tuple[T, ...]:
     return tuple(_taken(kind, source) for source in sources)
 
 
-def _intervals(candidate: Candidate, sizes: Iterable[float], halves: Iterable[float]) -> dict[str, Ends]:
-    """Ends of the 95 % intervals of an effect's free parameters.
+def _intervals(
+    candidate: Candidate, names: Sequence[str], sizes: Iterable[float], halves: Iterable[float]
+) -> dict[str, Ends]:
+    """Ends of the 95 % intervals of these parameters of an effect.
 
     None of a size that is infinite where the effect is absent, nor of one that the records do not determine.
     """
     ends: dict[str, Ends] = {}
-    for name, size, half in zip(candidate.free, sizes, halves, strict=True):
+    for name, size, half in zip(names, sizes, halves, strict=True):
         determined = np.isfinite(size) and half < MAX_HALF_WIDTH * candidate.scale.get(name, np.inf)
         ends[name] = (size - half, size + half) if determined else (None, None)
     return ends
@@ -187,7 +189,7 @@ def _suspect(suspect: Suspect, excess: float, chosen: Suspect | None) -> Suspect
         bodies=suspect.candidate.effect.bodies,
         z=suspect.z,
         size=dict(zip(names, suspect.size, strict=True)),
-        interval=_intervals(suspect.candidate, suspect.size, suspect.half_width),
+        interval=_intervals(suspect.candidate, suspect.candidate.free, suspect.size, suspect.half_width),
         held=suspect.candidate.held,
         limits=_limits(suspect.candidate),
         units=_units(suspect.candidate),
@@ -281,15 +283,19 @@ def _excess_by_row(evidence: Evidence, fit: Fit) -> list[float]:
 
 
 def _joint_size(cause: Suspect, selection: Selection) -> JointSize:
-    """Sizes of a cause with their 95 % intervals, all causes and calibrated parameters being fitted together."""
-    final, names = selection.final, cause.candidate.free
+    """Sizes of a cause with their 95 % intervals, all causes and calibrated parameters being fitted together.
+
+    Those of its form are among them where it was fitted.
+    """
+    candidate, final = cause.candidate, selection.final
+    names = (*candidate.free, *candidate.form)
     size = [final.value(name) for name in names]
     return JointSize(
         size=dict(zip(names, size, strict=True)),
-        interval=_intervals(cause.candidate, size, final.half_width(names)),
+        interval=_intervals(candidate, names, size, final.half_width(names)),
         bias={name: selection.bias_std(final, name) for name in names},
-        limits=_limits(cause.candidate),
-        units=_units(cause.candidate),
+        limits=_limits(candidate) | {name: candidate.bounds[name] for name in candidate.form},
+        units=_units(candidate),
     )
 
 

@@ -78,7 +78,8 @@ def quantity(value: float | None, unit: str | None, digits: int = 3, half: float
         return "-"
     factor, name = reading(unit or "1", max(abs(_significant(value, digits)), half or 0.0))
     value *= factor
-    written = number(_significant(value, digits), digits) if half is None else with_error(value, factor * half)
+    alone = number(_significant(value, digits), digits).replace("-", "−")
+    written = alone if half is None else with_error(value, factor * half)
     return f"{written} {raised(name).replace('um', 'µm').replace('us', 'µs')}".rstrip()
 
 

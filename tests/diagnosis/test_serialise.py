@@ -5,9 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calib.diagnosis.candidate import Candidate
 from calib.diagnosis.search import Round
-from calib.diagnosis.serialise import _excess_by_row, _round
+from calib.diagnosis.serialise import _excess_by_row, _joint_size, _round
 from calib.diagnosis.verdict import explained
+from calib.modelling.parameter import Parameter
 
 
 @pytest.mark.parametrize(
@@ -49,3 +51,19 @@ def test_a_gross_error_is_no_remainder_of_its_row():
 
     assert excess([1.0, 1.0, 1.0, 1.0]) == pytest.approx([0.0, 80.0])
     assert excess([1.0, 1.0, 0.3, 1.0]) == pytest.approx([0.0, 0.0])
+
+
+def test_a_form_that_was_fitted_has_its_interval_beside_the_size():
+    parameters = [Parameter(name, "1", 0.0, "made up") for name in ("drag", "exponent", "slip")]
+    candidate = Candidate(
+        SimpleNamespace(parameters=parameters), ("drag",), {"exponent": 1.9, "slip": 1.0}, {"drag": 1.0, "exponent": 1.0},
+        bounds={"exponent": (0.5, 9.0), "slip": (0.1, 1.0)}, form=("exponent",),
+    )  # fmt: skip
+    values, halves = {"drag": 2.4, "exponent": 1.9}, {"drag": 0.2, "exponent": 0.1}
+    final = SimpleNamespace(value=values.get, half_width=lambda names: [halves[name] for name in names])
+    selection = SimpleNamespace(final=final, bias_std=lambda fit, name: 0.3 * halves[name])
+    joint = _joint_size(SimpleNamespace(candidate=candidate), selection)
+    assert joint.size == values
+    assert joint.interval["exponent"] == pytest.approx((1.8, 2.0))
+    assert joint.limits["exponent"] == (0.5, 9.0)
+    assert joint.bias["exponent"] == pytest.approx(0.03)

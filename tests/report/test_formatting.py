@@ -104,3 +104,9 @@ def test_the_ends_of_an_interval_get_digits_until_they_differ():
     assert distinguishing_digits(0.1, 0.2) == 2
     assert distinguishing_digits(0.1402, 0.1441) == 3
     assert distinguishing_digits(0.14, 0.14) == 6
+
+
+@pytest.mark.parametrize("negative", [-0.00012, -440000.0])
+def test_a_negative_size_without_an_interval_has_the_minus_of_one_with_it(negative):
+    assert quantity(negative, "1/(m^2 s^2)").startswith("−")
+    assert quantity(negative, "1/(m^2 s^2)", half=0.1 * abs(negative)).lstrip("(").startswith("−")

@@ -100,6 +100,34 @@ def test_the_sizes_of_several_causes_are_those_fitted_together():
     assert headline(result(said)) == "Missing in the model: quadratic_drag (-c2 f(x, v)), c2 = 7.50 ± 0.50 1/m."
 
 
+def test_a_form_that_was_fitted_is_told_with_its_interval_and_once(study):
+    said = document("named", VALUES)
+    [drag] = [one for one in said["suspects"] if one["effect"] == "quadratic_drag"]
+    drag["held"] = {"exponent": 1.9, "slip": 0.01}  # the one fitted, the other as it was tried
+    said["joint_sizes"] = {
+        "quadratic_drag": {
+            "size": {"c2": 2.4, "exponent": 1.9}, "interval": {"c2": [2.2, 2.6], "exponent": [1.7, 2.1]},
+            "units": {"c2": "1/m", "exponent": "1"},
+        }
+    }  # fmt: skip
+    assert headline(result(said)).endswith("c2 = 2.40 ± 0.20 1/m, exponent = 1.90 ± 0.20.")
+    [row] = [s for s in chapter(result(said), {}, CALIBRATED, study).suspects.shown if s.effect == "quadratic_drag"]
+    assert row.sizes == ("c2 = 2.40 ± 0.20 1/m", "exponent = 1.90 ± 0.20")
+    assert row.held == ("slip = 0.01",)
+
+
+def test_the_terminal_says_of_which_shares_there_was_no_fit(tmp_path):
+    said = document("named", VALUES)
+    for one in said["suspects"]:
+        one["refitted"] = one["effect"] == "quadratic_drag"
+    show(result(said), tmp_path, None, Console(file=(shown := io.StringIO()), width=200))
+    shares = {one[0]: one[2] for one in cells(shown.getvalue()) if len(one) > 2}
+    assert not shares["quadratic_drag"].endswith("*")
+    assert shares["linear_drag"] == "50 %*"
+    assert shares["coulomb_friction"] == "wrong sign"
+    assert "*: estimate without a new fit" in shown.getvalue()
+
+
 @pytest.mark.parametrize(("joint", "moved"), [(2.45, False), (7.5, True)])
 def test_a_size_that_another_cause_moves_out_of_its_interval_is_told_with_both_values(joint, moved):
     said = document("named", VALUES)
@@ -389,6 +417,8 @@ def test_the_strongest_rival_is_told_also_where_it_was_left_out_later(study):
     [told] = [text for text in found.why if text.startswith("Of the effects that are not named")]
     assert "linear_drag explains most on its own: 69 % of the excess" in told
     assert told.endswith("Beside quadratic_drag it is left out.")
+    [row] = [one for one in found.suspects.shown if one.effect == "linear_drag"]
+    assert row.reason == "explains 36\u00a0%, too little, of what remains beside the named effects"
     assert found.rounds[-1].model == "calibrated + quadratic_drag + linear_drag"
 
 
@@ -594,7 +624,8 @@ def test_a_page_never_says_that_sizes_differ_and_that_they_do_not(inconstancy, a
     biased = [transfer | {"bias": 0.3} for transfer in GAIN["transfers"]]
     said["gain"] |= {"transfers": biased}
     [sentence] = chapter(result(said), {}, CALIBRATED, study).extension.agreement
-    assert "agree on c2 within the bias that the remainder of the model may cause (chi" in sentence
+    assert "± 0.60 in louder (95\u00a0% intervals by Student's t, with the bias that what the model leaves" in sentence
+    assert "± 0.12 in louder (95\u00a0% intervals by Student's t)" in text
     assert ("the channels within them differ" in text) == (agree and inconstancy > 3.43)
 
 

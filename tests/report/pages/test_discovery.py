@@ -49,7 +49,7 @@ def words(text):
 def test_the_force_stands_in_the_page_with_its_formula_and_those_it_was_compared_with(periodic, undrawn):
     page = words(render(periodic.study, [], {}, CALIBRATED, discovery=FOUND))
     assert "A force on mass is missing: a function of displacement explains 98% of the excess chi-square." in page
-    assert "The records visit displacement -4 mm to 5 mm. Beyond, the force is an extrapolation." in page
+    assert "The records visit displacement −4 mm to 5 mm. Beyond, the force is an extrapolation." in page
     assert "Not determined beside the calibrated parameters: a multiple of the displacement." in page
     assert "Force per unit mass: c1 x^3" in page
     assert "c1 x^3 1 812.4 830.1 +0.0 tie, front" in page

@@ -12,6 +12,7 @@ from calib.report.pages.diagnosis.sizes import (
     SHIFT_ERRORS,
     biased_half_width,
     half_width,
+    intervals_by_record,
     written_by_record,
 )
 from calib.report.pages.picture import Picture, pictured
@@ -116,10 +117,8 @@ def _shift(shift: ShiftResult, parameters: Mapping[str, Parameter]) -> ShiftRow:
 
 def _agreement(agreement: AgreementResult, gain: GainResult, diagnosis: DiagnosisResult) -> str:
     """Say whether the records agree on a size."""
-    own = [transfer for transfer in gain.transfers if transfer.parameter == agreement.parameter]
-    within = " within the bias that the remainder of the model may cause" if any(t.bias for t in own) else ""
     text = (
-        f"The records, each alone, {'agree' if agreement.agree else 'do not agree'} on {agreement.parameter}{within} "
+        f"The records, each alone, {'agree' if agreement.agree else 'do not agree'} on {agreement.parameter} "
         f"(chi-square {_not_tiny(agreement.chi2)} for {count(agreement.degrees, 'degree')} of freedom, z = "
         f"{_not_tiny(agreement.z)}, threshold {number(diagnosis.threshold, 3)})"
     )
@@ -127,7 +126,8 @@ def _agreement(agreement: AgreementResult, gain: GainResult, diagnosis: Diagnosi
     channels_differ = z is not None and diagnosis.threshold is not None and z > diagnosis.threshold
     if agreement.agree and is_heterogeneous(diagnosis) and channels_differ:
         text += "; the channels within them differ"
-    return f"{text}: {written_by_record(agreement.parameter, gain, diagnosis)} (95\u00a0% intervals by Student's t)."
+    sizes = written_by_record(agreement.parameter, gain, diagnosis)
+    return f"{text}: {sizes} ({intervals_by_record([agreement.parameter], gain)})."
 
 
 def _not_tiny(x: float | None) -> str:

@@ -108,19 +108,27 @@ def disagreements(diagnosis: DiagnosisResult) -> list[str]:
         return []
     sizes = [written_by_record(parameter, diagnosis.gain, diagnosis) for parameter in apart]
     return [
-        f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(sizes)}; 95\u00a0% intervals by "
-        "Student's t): an unmodelled effect with a similar signature changes it, or is the cause; the interval of "
-        f"{_fitted_size(diagnosis.gain.transfers, apart)} does not allow for that{_biases(diagnosis, apart)}."
+        f"The records, each alone, disagree on the size of {joined(names)} ({'; '.join(sizes)}; "
+        f"{intervals_by_record(apart, diagnosis.gain)}): an unmodelled effect with a similar signature changes it, or "
+        f"is the cause; the interval of {_fitted_size(diagnosis.gain.transfers, apart)} does not allow for that"
+        f"{_biases(diagnosis, apart)}."
     ]
 
 
 def written_by_record(parameter: str, gain: GainResult, diagnosis: DiagnosisResult) -> str:
-    """Write the size that each record alone has of a parameter."""
+    """Write the size that each record alone has of a parameter; intervals are those by which they are compared."""
     own = [one for one in gain.transfers if one.parameter == parameter and one.error is not None]
     unit = next((j.units.get(parameter) for j in diagnosis.joint_sizes.values() if parameter in j.size), None)
-    each = [f"{quantity(t.size, unit, half=half_width(t))} in {t.record}" for t in own if t.size is not None]
+    each = [f"{quantity(t.size, unit, half=biased_half_width(t))} in {t.record}" for t in own if t.size is not None]
     more = f" and {len(each) - MAX_LISTED} more" if len(each) > MAX_LISTED else ""
     return f"{parameter} = {', '.join(each[:MAX_LISTED])}{more}" if each else parameter
+
+
+def intervals_by_record(parameters: Sequence[str], gain: GainResult) -> str:
+    """Say what the intervals of `written_by_record` are."""
+    biased = any(transfer.bias for transfer in gain.transfers if transfer.parameter in parameters)
+    more = ", with the bias that what the model leaves in a record may cause" if biased else ""
+    return f"95\u00a0% intervals by Student's t{more}"
 
 
 def _biases(diagnosis: DiagnosisResult, parameters: Sequence[str]) -> str:

@@ -119,10 +119,20 @@ def strengths_picture(diagnosis: DiagnosisResult, outcomes: Mapping[str, Suspect
     return pictured(suspect_strengths(strengths, diagnosis.threshold), "suspects", STRENGTHS)
 
 
+def explained_share(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: DiagnosisResult) -> float | None:
+    """Share of the excess chi-square that a suspect explains; None where that is not known or has no meaning."""
+    misfit = diagnosis.misfit
+    if misfit is None or not significant(misfit.excess_chi2, misfit.chi2_std):
+        return None
+    sensible = outcome not in (SuspectOutcome.WRONG_SIGN, SuspectOutcome.ABSORBED) and suspect.chi2_reduction > 0.0
+    return suspect.share if sensible else None
+
+
 def _row(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: DiagnosisResult) -> SuspectRow:
     untested, absorbed = is_untested(suspect), is_absorbed(suspect)
-    share = _explained_share(suspect, outcome, diagnosis)
-    held = {name: value for name, value in suspect.held.items() if value is not None}  # None is infinite
+    share = explained_share(suspect, outcome, diagnosis)
+    alone = size_alone(suspect, diagnosis)
+    given = {n: x for n, x in suspect.held.items() if x is not None and n not in alone.size}  # None is infinite
     detectable = {} if absorbed else {name: x for name, x in suspect.detectable.items() if x is not None}
     scored = suspect.z is not None and not untested and outcome != SuspectOutcome.ABSORBED
     return SuspectRow(
@@ -134,24 +144,15 @@ def _row(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: DiagnosisRe
         colour=COLOURS[outcome],
         bold=outcome in EMPHASISED,
         z=signed(suspect.z) if scored and suspect.z is not None else "-",
-        sizes=("-",) if untested or absorbed else tuple(sizes(size_alone(suspect, diagnosis))),
+        sizes=("-",) if untested or absorbed else tuple(sizes(alone)),
         together=tuple(sizes_together(suspect.effect, diagnosis)),
-        held=tuple(f"{name} = {quantity(value, suspect.units.get(name))}" for name, value in held.items()),
+        held=tuple(f"{name} = {quantity(value, suspect.units.get(name))}" for name, value in given.items()),
         share="-" if share is None else explained(share),
         estimated=share is not None and not suspect.refitted,
         absorbed="-" if untested else _absorbed(suspect.absorbed),
         detectable=tuple(quantity(x, suspect.units.get(name), 2) for name, x in detectable.items()),
         reason=_reason(suspect, outcome, diagnosis),
     )
-
-
-def _explained_share(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: DiagnosisResult) -> float | None:
-    """Share of the excess chi-square that a suspect explains; None where that is not known or has no meaning."""
-    misfit = diagnosis.misfit
-    if misfit is None or not significant(misfit.excess_chi2, misfit.chi2_std):
-        return None
-    sensible = outcome not in (SuspectOutcome.WRONG_SIGN, SuspectOutcome.ABSORBED) and suspect.chi2_reduction > 0.0
-    return suspect.share if sensible else None
 
 
 def _absorbed(share: float) -> str:
@@ -186,8 +187,12 @@ def _reason(suspect: SuspectResult, outcome: SuspectOutcome, diagnosis: Diagnosi
 
 def _explains_less(suspect: SuspectResult, diagnosis: DiagnosisResult) -> str:
     """Why a significant suspect is not named: it explains too little, or less than the effect of the first round."""
-    if suspect.effect in {one.effect for one in diagnosis.left_out}:
-        return "explains too little beside the named effects, or imitates another effect (stand-in)"
+    left = next((one for one in diagnosis.left_out if one.effect == suspect.effect), None)
+    if left is not None and left.reason:
+        return "imitates another effect beside the named ones (stand-in)"
+    if left is not None:
+        share = "too little" if left.share is None else f"{percent(left.share)}, too little,"
+        return f"explains {share} of what remains beside the named effects"
     first = diagnosis.rounds[0].chosen if diagnosis.rounds else None
     if first is None or suspect.cosine is None or not suspect.cosine > MIN_COSINE:
         return "explains less"
