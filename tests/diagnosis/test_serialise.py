@@ -55,10 +55,9 @@ def test_a_gross_error_is_no_remainder_of_its_row():
 
 def test_a_form_that_was_fitted_has_its_interval_beside_the_size():
     parameters = [Parameter(name, "1", 0.0, "made up") for name in ("drag", "exponent", "slip")]
-    candidate = Candidate(
-        SimpleNamespace(parameters=parameters), ("drag",), {"exponent": 1.9, "slip": 1.0}, {"drag": 1.0, "exponent": 1.0},
-        bounds={"exponent": (0.5, 9.0), "slip": (0.1, 1.0)}, form=("exponent",),
-    )  # fmt: skip
+    effect, held, scale = SimpleNamespace(parameters=parameters), {"exponent": 1.9, "slip": 1.0}, {"drag": 1.0}
+    bounds = {"exponent": (0.5, 9.0), "slip": (0.1, 1.0)}
+    candidate = Candidate(effect, ("drag",), held, scale | {"exponent": 1.0}, bounds=bounds, form=("exponent",))
     values, halves = {"drag": 2.4, "exponent": 1.9}, {"drag": 0.2, "exponent": 0.1}
     final = SimpleNamespace(value=values.get, half_width=lambda names: [halves[name] for name in names])
     selection = SimpleNamespace(final=final, bias_std=lambda fit, name: 0.3 * halves[name])
