@@ -125,8 +125,7 @@ def held_response(
     """
     begin = window[0]
     size, linear = amplitude(begin), _linear_levels(setting, body, amplitude, window, read)
-    levels = LEVEL_RANGE[0] * linear.min(), LEVEL_RANGE[1] * linear.max()
-    held = HeldBalance(setting, body, window, levels, harmonics)
+    held = HeldBalance(setting, body, window, _level_window(linear), harmonics)
     try:
         y, level = held.held_at(amplitude, read, begin, float(linear[0]))
         return held.followed(modulus(amplitude, read), (y, begin, level), vary=1, most=most)
@@ -135,6 +134,38 @@ def held_response(
             f"{body} cannot be held at {size:g} m from {begin:g} Hz, where the curve begins: {error}; "
             "begin the window elsewhere, or lower the amplitude"
         ) from error
+
+
+def held_response_beside(
+    known: HeldBranch,
+    setting: Setting,
+    body: str,
+    amplitude: LevelCurve,
+    window: tuple[float, float],
+    *,
+    read: ReadHarmonic | None = None,
+    to_first_order: bool = False,
+) -> HeldBranch | None:
+    """Motions as those of `held_response` beside known ones of other parameters; None where they are sought without.
+
+    Parameters
+    ----------
+    known : with as many harmonics as are sought
+    to_first_order : in the change of parameters, as derivatives need it
+    setting, body, amplitude, window, read : as those of `held_response`
+
+    Raises
+    ------
+    CalibError : an unknown body, or one that the excitation does not move
+    """
+    levels = _level_window(_linear_levels(setting, body, amplitude, window, read))
+    held = HeldBalance(setting, body, window, levels, (known.coefficients.shape[-1] - 1) // 2)
+    return held.beside(modulus(amplitude, read), known, to_first_order)
+
+
+def _level_window(linear: np.ndarray) -> tuple[float, float]:
+    """Window of the levels of a constant response, by those of the linear one."""
+    return LEVEL_RANGE[0] * float(linear.min()), LEVEL_RANGE[1] * float(linear.max())
 
 
 def _linear_levels(
@@ -149,11 +180,13 @@ def _linear_levels(
     held = HeldBalance(setting, body, window, (0.5, 1.0), 1)
     resonances = np.sqrt(held.balance.system.stiffness) / (2.0 * math.pi)
     inside = resonances[(resonances > window[0]) & (resonances < window[1])]
-    found = []
-    for frequency in [*np.linspace(*window, LINEAR_LEVEL_FREQUENCIES).tolist(), *inside.tolist()]:
-        moved = held.per_level(frequency)
-        found.append(amplitude(frequency) / (abs(moved if read is None else read(moved, frequency, 1.0)) or math.inf))
-    levels = np.array(found)
+    frequencies = np.append(np.linspace(*window, LINEAR_LEVEL_FREQUENCIES), inside)
+    moved = held.per_level(frequencies)
+    if read is not None:
+        moved = np.array([read(*own, 1.0) for own in zip(moved.tolist(), frequencies.tolist(), strict=True)])
+    size = np.abs(moved)
+    size[size == 0.0] = math.inf
+    levels = np.array([amplitude(frequency) for frequency in frequencies.tolist()]) / size
     if not (levels > 0.0).any():
         raise CalibError(f"the excitation does not move {body}: no level holds its amplitude")
     return levels[levels > 0.0]

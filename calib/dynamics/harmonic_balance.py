@@ -8,7 +8,7 @@ What a series of H harmonics misses is of the order of the first harmonic left o
 
 import math
 from collections.abc import Iterable, Iterator
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -261,9 +261,13 @@ class HarmonicBalance:
         To first order: by the forces of those harmonics along the motion, which do not see what they add to it. That is
         seen in the velocity sooner than in the displacement, and forces may depend on either.
         """
+        return self.left_out_by(self.forces(y, omega, amplitude), y, omega, amplitude)
+
+    def left_out_by(self, forces: Forces, y: np.ndarray, omega: float, amplitude: float) -> float:
+        """Share of the harmonics above H as `left_out`, of the motion along which the forces are these."""
         system = self.system
         order = omega * np.arange(self.harmonics + 1, self.phase.size // 2 + 1)
-        load = system.gain @ self._above(self.forces(y, omega, amplitude).value)
+        load = system.gain @ self._above(forces.value)
         if system.distortion is not None:
             drive = self._above(system.distortion(amplitude, self.phase))
             load += system.load @ (np.stack([np.ones_like(order), 1j * order, -(order**2)]) * drive)
@@ -333,6 +337,8 @@ class HarmonicBalance:
         """Modal load (..., n, 2 H + 1) of drives and the constants; omega and amplitude (...,)."""
         if np.ndim(amplitude) == 0:
             loads = self._loads(float(amplitude))[0]
+        elif self.system.distortion is None:
+            loads = np.asarray(amplitude)[:, None, None] * self._unit_loads[:, None]
         else:
             loads = np.stack([self._loads(own)[0] for own in np.asarray(amplitude).tolist()], axis=1)
         omega = omega[..., None, None]
@@ -342,11 +348,20 @@ class HarmonicBalance:
 
     def _loads_of_drive(self, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
         """Modal loads (3, n, 2 H + 1) of U, U' and U'' at an angular frequency of 1, and their derivatives by A."""
-        loads = []
-        for series in self.drive(amplitude):
-            slopes = np.stack([series, self.slope(series), self.slope(self.slope(series))])
-            loads.append(self.system.load.T[:, :, None] * slopes[:, None, :])
-        return loads[0], loads[1]
+        if self.system.distortion is None:
+            return amplitude * self._unit_loads, self._unit_loads
+        drive, by_amplitude = self.drive(amplitude)
+        return self._loads_of(drive), self._loads_of(by_amplitude)
+
+    @cached_property
+    def _unit_loads(self) -> np.ndarray:
+        """Modal loads (3, n, 2 H + 1) as `_loads_of`, of a drive cos tau."""
+        return self._loads_of(np.eye(self.size)[1])
+
+    def _loads_of(self, series: np.ndarray) -> np.ndarray:
+        """Modal loads (3, n, 2 H + 1) of a drive of coefficients (2 H + 1,), and of its first two derivatives."""
+        slopes = np.stack([series, self.slope(series), self.slope(self.slope(series))])
+        return np.asarray(self.system.load.T[:, :, None] * slopes[:, None, :])
 
     def _drives(self, amplitude: float | np.ndarray) -> np.ndarray:
         """Coefficients (..., 2 H + 1) of drives of amplitudes (...,)."""

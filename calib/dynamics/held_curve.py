@@ -7,18 +7,22 @@ beside the equations of `calib.dynamics.harmonic_balance`.
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
-from calib.dynamics.arclength import Mark, OneWay, along_cubic, root, run
+from calib.dynamics.arclength import EDGE_ROUNDING, MAX_ARCLENGTH_STEP, Mark, OneWay, along_cubic, root, run
 from calib.dynamics.harmonic_balance import HarmonicBalance
 from calib.dynamics.harmonic_condition import Condition, ReadHarmonic, modulus
 from calib.dynamics.level_curve import LevelCurve
+from calib.dynamics.neighbour_curve import MAX_SPACING_RATIO, first_order_curve, neighbour_curve
 from calib.dynamics.orbits import newton
 from calib.dynamics.response import AMPLITUDE, FREQUENCY
 from calib.dynamics.series_curve import (
     AT_STOP,
     MAX_FIRST_STEPS,
+    MAX_SIZE_RATIO,
+    MIN_SIZE_RATIO,
     SeriesMotion,
     at_own_scale,
     modal_system,
@@ -26,7 +30,7 @@ from calib.dynamics.series_curve import (
 )
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError, nearest
-from calib.modelling.modal_system import ModalSystem
+from calib.modelling.modal_system import Forces, ModalSystem
 
 MIN_RAMP_STEP = 1 / 64  # of an amplitude that is to be held, where a curve begins  [1]
 MAX_LEVEL_EXPONENT = 700.0  # of a level: beyond it is no number  [1]
@@ -44,6 +48,8 @@ class HeldBranch:
     harmonics : (body, harmonic, m) complex amplitudes H_0, H_1, ... as `calib.dynamics.response.ResponseBranch`  [m]
     stable : (m,) at constant frequency and level
     left_out : (m,) velocity of the harmonics left out over that of the motion  [1]
+    coefficients : (m, n, 2 H + 1) of the modal motion  [kg^1/2 m]
+    scale : of these by which the steps along it were chosen  [kg^1/2 m]
     end : why it ends
     """
 
@@ -54,6 +60,8 @@ class HeldBranch:
     harmonics: np.ndarray
     stable: np.ndarray
     left_out: np.ndarray
+    coefficients: np.ndarray
+    scale: float
     end: str
 
     @property
@@ -71,6 +79,7 @@ class HeldCurve:
     are small, and a change of phase moves the condition in second order.
 
     scale, level : of the coefficients and of the excitation  [kg^1/2 m], [its unit]
+    run_over : number of the component of z over whose window the curve runs
     """
 
     held: "HeldBalance"
@@ -78,6 +87,7 @@ class HeldCurve:
     scale: float
     level: float
     parameters: int = 2
+    run_over: int = -2
 
     def unpacked(self, z: np.ndarray) -> tuple[np.ndarray, float, float]:
         """Coefficients, frequency [Hz] and level."""
@@ -92,6 +102,17 @@ class HeldCurve:
         (low, high), (least, largest) = self.held.window, self.held.levels
         place = math.log(level / least) / math.log(largest / least)
         return np.append(y.ravel() / self.scale, [(frequency - low) / (high - low), place])
+
+    def unpacked_all(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients (m, n, 2 H + 1), frequencies [Hz] and levels (m,) of points (m, d)."""
+        own = [self.unpacked(point) for point in z]
+        y, frequency, level = (np.array(part) for part in zip(*own, strict=True))
+        return y, frequency, level
+
+    def packed_all(self, y: np.ndarray, frequency: np.ndarray, level: np.ndarray) -> np.ndarray:
+        """Points (m, d) of coefficients (m, n, 2 H + 1), frequencies [Hz] and levels (m,)."""
+        own = zip(y, frequency.tolist(), level.tolist(), strict=True)
+        return np.array([self.packed(*point) for point in own])
 
     @cached_property
     def _units(self) -> np.ndarray:
@@ -110,6 +131,21 @@ class HeldCurve:
         left = self.held.balance.residual(y, 2.0 * math.pi * frequency, self.held.drive(level)).ravel() / self._units
         condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency, level)
         return np.append(left, self._weight * condition.value)
+
+    def residuals(self, z: np.ndarray) -> np.ndarray:
+        """Residuals (m, d - 1) of points (m, d)."""
+        y, frequency, level = self.unpacked_all(z)
+        motions = y, 2.0 * np.pi * frequency, self.held.per_unit * level
+        balance = self.held.balance
+        left = balance.balanced(*motions, balance.loads_of_all(*motions)).reshape(len(z), -1) / self._units
+        own = zip(y, frequency.tolist(), level.tolist(), strict=True)
+        conditions = [self.condition(self.held.first_harmonic(*point), *point[1:]).value for point in own]
+        return np.column_stack([left, self._weight * np.array(conditions)])
+
+    def forces(self, z: np.ndarray) -> list[Forces]:
+        """Forces along the motions of points (m, d)."""
+        y, frequency, level = self.unpacked_all(z)
+        return self.held.balance.forces_of_all(y, 2.0 * np.pi * frequency, self.held.per_unit * level)
 
     def derivative(self, z: np.ndarray) -> np.ndarray:
         """Derivative (d - 1, d) of the residual."""
@@ -150,11 +186,11 @@ class HeldCurve:
         if not np.isfinite(matrix).all():
             return None
         y, frequency, level = self.unpacked(z)
-        drive = self.held.drive(level)
-        multipliers = self.held.balance.multipliers(y, 2.0 * math.pi * frequency, drive)
-        clearance = self.held.balance.clearance(y, drive)
-        tangent = null_vector(matrix, heading)
-        return SeriesMotion(z, tangent, multipliers, matrix, len(steps) - 1, clearance, self.parameters)
+        omega, drive, balance = 2.0 * math.pi * frequency, self.held.drive(level), self.held.balance
+        return SeriesMotion(
+            z, null_vector(matrix, heading), balance.multipliers(y, omega, drive), matrix, len(steps) - 1,
+            balance.clearance(y, drive), self.parameters, balance.left_out(y, omega, drive),
+        )  # fmt: skip
 
     def predicted(self, base: SeriesMotion, before: SeriesMotion, step: float) -> np.ndarray:
         """Guess on the cubic through the last two points."""
@@ -236,10 +272,12 @@ class HeldBalance:
         row, of_drive = self.first_harmonic_row
         return complex(row @ y.ravel() + of_drive * self.drive(level))
 
-    def per_level(self, frequency: float) -> complex:
-        """H_1 of the body in the linear motion for a level of 1  [m over the unit of the level]."""
-        level = self.levels[1]
-        return self.first_harmonic(self.linear(frequency, level), frequency, level) / level
+    def per_level(self, frequency: np.ndarray) -> np.ndarray:
+        """H_1 (k,) of the body in the linear motion for a level of 1 at frequencies (k,)  [m over the unit of it]."""
+        row, of_drive = self.first_harmonic_row
+        drive = self.drive(self.levels[1])
+        y = self.balance.linear_motion(2.0 * np.pi * frequency, drive).reshape(frequency.size, -1)
+        return (y @ row + of_drive * drive) / self.levels[1]
 
     def held_at(
         self, amplitude: LevelCurve, read: ReadHarmonic | None, frequency: float, level: float
@@ -316,19 +354,53 @@ class HeldBalance:
         found = at_own_scale(float(np.abs(y).max()) or 1.0, at_scale)
         if found is None:
             raise CalibError("Newton's method finds no motion near the linear one")
-        return self._branch(*found)
-
-    def _branch(self, curve: HeldCurve, way: OneWay[SeriesMotion]) -> HeldBranch:
-        points = [curve.unpacked(motion.z) for motion in way.points]
-        harmonics = [self.balance.body_amplitudes(y, self.drive(level), self.begin) for y, _, level in points]
-        left_out = [self.balance.left_out(y, 2.0 * math.pi * f, self.drive(level)) for y, f, level in points]
-        return HeldBranch(
-            self.body,
-            np.array([frequency for _, frequency, _ in points]),
-            np.array([level for _, _, level in points]),
-            self.bodies,
-            np.moveaxis(np.array(harmonics), 0, -1),
-            np.array([motion.stable for motion in way.points]),
-            np.array(left_out),
-            way.reason,
+        curve, way = found
+        z, stable, left_out = (
+            np.array([part(motion) for motion in way.points])
+            for part in (attrgetter("z"), attrgetter("stable"), attrgetter("left_out"))
         )
+        return self._branch(curve, z, stable, left_out, way.reason)
+
+    def beside(self, condition: Condition, known: HeldBranch, to_first_order: bool) -> HeldBranch | None:
+        """Curve over the window beside a known one of other parameters; None where it is sought without that.
+
+        That is where the known one is not over the whole window or has other modes or harmonics, and where the new one
+        needs other steps or comes to a stop. To first order in the change of parameters, as derivatives need it, it is
+        as stable as the known one, and is described by as many harmonics.
+        """
+        balance, curve = self.balance, HeldCurve(self, condition, known.scale, float(known.level[0]))
+        if known.coefficients.shape[1:] != (len(balance.system.stiffness), balance.size):
+            return None
+        begin = curve.packed_all(known.coefficients, known.frequency, known.level)
+        if np.abs(begin[[0, -1], curve.run_over] - [0.0, 1.0]).max() > EDGE_ROUNDING:
+            return None
+        if to_first_order:
+            z = first_order_curve(curve, begin)
+            return None if z is None else self._branch(curve, z, known.stable, known.left_out, known.end)
+        found = neighbour_curve(curve, begin)
+        if found is None:
+            return None
+        z, forces = found
+        y, frequency, level = curve.unpacked_all(z)
+        motions = list(
+            zip(forces, y, (2.0 * np.pi * frequency).tolist(), (self.per_unit * level).tolist(), strict=True)
+        )
+        suits = MIN_SIZE_RATIO <= np.abs(z[:, :-2]).max() <= MAX_SIZE_RATIO
+        close = np.linalg.norm(np.diff(z, axis=0), axis=1).max() <= MAX_SPACING_RATIO * MAX_ARCLENGTH_STEP
+        if not (suits and close) or any(balance.clearance(own, at) < 0.0 for _, own, _, at in motions):
+            return None
+        stable = np.array([abs(balance.multipliers_by(own, at)[0]) < 1.0 for own, _, at, _ in motions])
+        left_out = np.array([balance.left_out_by(*motion) for motion in motions])
+        return self._branch(curve, z, stable, left_out, known.end)
+
+    def _branch(
+        self, curve: HeldCurve, z: np.ndarray, stable: np.ndarray, left_out: np.ndarray, end: str
+    ) -> HeldBranch:
+        """Branch of the motions at points (m, d) of a curve."""
+        y, frequency, level = curve.unpacked_all(z)
+        drives = (self.per_unit * level).tolist()
+        harmonics = [self.balance.body_amplitudes(own, d, self.begin) for own, d in zip(y, drives, strict=True)]
+        return HeldBranch(
+            self.body, frequency, level, self.bodies, np.moveaxis(np.array(harmonics), 0, -1), stable, left_out, y,
+            curve.scale, end,
+        )  # fmt: skip

@@ -5,14 +5,16 @@ level may have several motions, stable ones and others: at a held amplitude it h
 the sweep nor where it began matters (Renson et al., J. Sound Vib. 367 (2016) 145).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from calib.dynamics.backbone import held_response
+from calib.dynamics.backbone import held_response, held_response_beside
 from calib.dynamics.harmonic_condition import ReadHarmonic
 from calib.dynamics.held_curve import HeldBranch
 from calib.dynamics.level_curve import HeldAmplitude, LevelCurve
@@ -23,6 +25,7 @@ from calib.dynamics.swept_series import MAX_LEFT_OUT, SERIES_HARMONICS
 from calib.errors import CalibError
 from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, make_response, sweeps
 
+MAX_REMEMBERED = 32  # sweeps whose amplitude over frequency is remembered: each simulation asks for the same
 MAX_HELD_POINTS = 2000  # of one curve  [count]
 READ_FREQUENCIES = 400  # of a window, at which is asked what is measured of a motion  [count]
 LINEARITY_TOLERANCE = 1e-9  # of what is measured, over its size: rounding  [1]
@@ -36,12 +39,19 @@ class HeldSweep(NamedTuple):
     branch: HeldBranch
 
 
-def held_sweeps(setting: Setting, measured: xr.Dataset) -> Iterator[HeldSweep]:
+def held_sweeps(
+    setting: Setting,
+    measured: xr.Dataset,
+    known: Mapping[float, HeldBranch] = MappingProxyType({}),
+    to_first_order: bool = False,
+) -> Iterator[HeldSweep]:
     """Motions at the amplitudes that sweeps of a measured response held, beyond its ends by a margin.
 
     Parameters
     ----------
     measured : see `calib.records.held_response.at_one_level`
+    known : curves of other parameters by the number of the sweep, beside which these are sought first
+    to_first_order : whether they are wanted to first order in what differs from the known ones, for a derivative
 
     Raises
     ------
@@ -55,11 +65,22 @@ def held_sweeps(setting: Setting, measured: xr.Dataset) -> Iterator[HeldSweep]:
         stops = stops_of(frequency, 1.0)
         window = float(stops[0]), float(stops[-1])
         read = _read(setting, body, np.linspace(*window, READ_FREQUENCIES), float(amplitude[0]))
-        branch = _described(setting, body, HeldAmplitude(frequency, amplitude), window, read)
+        curve, near = _held_amplitude(frequency.tobytes(), amplitude.tobytes()), known.get(sweep)
+        beside = None
+        if near is not None:
+            beside = held_response_beside(near, setting, body, curve, window, read=read, to_first_order=to_first_order)
+        is_described = beside is not None and beside.left_out.max() <= MAX_LEFT_OUT
+        branch = beside if beside is not None and is_described else _described(setting, body, curve, window, read)
         reached = float(branch.frequency.max())
         if reached < frequency.max():
             raise CalibError(f"{body} is not held beyond {reached:g} Hz: {branch.end}")
         yield HeldSweep(sweep, float(measured["direction"][points[0]]), branch)
+
+
+@lru_cache(maxsize=MAX_REMEMBERED)
+def _held_amplitude(frequency: bytes, amplitude: bytes) -> HeldAmplitude:
+    """Amplitude that a sweep held over the frequency, of readings whose float64 these are."""
+    return HeldAmplitude(np.frombuffer(frequency), np.frombuffer(amplitude))
 
 
 def _described(

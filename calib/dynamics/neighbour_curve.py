@@ -5,10 +5,11 @@ there. So a curve costs a few evaluations of the equations, and is sampled as th
 both is due to the parameters.
 """
 
+from typing import Protocol
+
 import numpy as np
 
 from calib.dynamics.orbits import MAX_ROUNDING_REDUCTION, RESIDUAL_TOLERANCE, ROUNDING_RESIDUAL
-from calib.dynamics.series_curve import SeriesCurve
 from calib.modelling.modal_system import Forces
 
 MAX_CURVE_CORRECTIONS = 12  # of Newton's method, with the derivatives of an earlier step where these serve
@@ -17,11 +18,41 @@ MAX_MATRIX_ENTRIES = 20_000_000  # of the derivatives at all points, which are h
 MAX_SPACING_RATIO = 2.0  # of distances between neighbours on one curve over those on the other, and the inverse  [1]
 
 
-def neighbour_curve(curve: SeriesCurve, known: np.ndarray) -> tuple[np.ndarray, list[Forces]] | None:
+class SeriesEquations(Protocol):
+    """SeriesEquations of a curve of series, in its scaled coordinates z (d,).
+
+    Attributes
+    ----------
+    run_over : number of the component over whose window the curve runs
+    """
+
+    @property
+    def run_over(self) -> int:
+        """Number of the component over whose window the curve runs."""
+        ...
+
+    def residual(self, z: np.ndarray) -> np.ndarray:
+        """What is left of the equations (d - 1,) at a point."""
+        ...
+
+    def residuals(self, z: np.ndarray) -> np.ndarray:
+        """The same (m, d - 1) at points (m, d)."""
+        ...
+
+    def derivative(self, z: np.ndarray) -> np.ndarray:
+        """Derivative (d - 1, d) of the residual."""
+        ...
+
+    def forces(self, z: np.ndarray) -> list[Forces]:
+        """Forces along the motions of points (m, d)."""
+        ...
+
+
+def neighbour_curve(curve: SeriesEquations, known: np.ndarray) -> tuple[np.ndarray, list[Forces]] | None:
     """Points of a curve beside those of a known one, and the forces along their motions; None where none are found.
 
     They are not sought where the derivatives at all points would take too much memory. The first and the last point
-    have the parameter of the known ones.
+    have that component of the known ones over whose window the curve runs.
 
     Parameters
     ----------
@@ -30,14 +61,18 @@ def neighbour_curve(curve: SeriesCurve, known: np.ndarray) -> tuple[np.ndarray, 
     """
     if _is_too_large(known):
         return None
-    z, normals, matrices = known.copy(), _normals(known), np.full((*known.shape, known.shape[1]), np.nan)
+    z, normals, matrices = (
+        known.copy(),
+        _normals(known, curve.run_over),
+        np.full((*known.shape, known.shape[1]), np.nan),
+    )
     residuals, largest = curve.residuals(z), np.inf
     size, left = np.linalg.norm(residuals, axis=1), np.arange(len(z))  # points that are not found yet
     slow = left
     for _ in range(MAX_CURVE_CORRECTIONS):
         before, largest = largest, float(size.max())
         if largest <= RESIDUAL_TOLERANCE or MAX_ROUNDING_REDUCTION * before < largest <= ROUNDING_RESIDUAL:
-            forces = _forces(curve, z)  # NaN where instants do not resolve internal states
+            forces = curve.forces(z)  # NaN where instants do not resolve internal states
             resolved = all(np.isfinite(own.value).all() for own in forces)
             return (z, forces) if resolved and _is_beside(z, known) else None
         if not largest < before:  # true for NaN
@@ -55,7 +90,7 @@ def neighbour_curve(curve: SeriesCurve, known: np.ndarray) -> tuple[np.ndarray, 
     return None
 
 
-def first_order_curve(curve: SeriesCurve, known: np.ndarray) -> np.ndarray | None:
+def first_order_curve(curve: SeriesEquations, known: np.ndarray) -> np.ndarray | None:
     """Points (m, d) of a curve beside a known one to first order in the change of parameters; None as above.
 
     By one step of Newton's method: whoever differences curves for a derivative needs no more.
@@ -63,7 +98,7 @@ def first_order_curve(curve: SeriesCurve, known: np.ndarray) -> np.ndarray | Non
     if _is_too_large(known):
         return None
     residuals, matrices = np.empty((len(known), known.shape[1] - 1)), np.empty((*known.shape, known.shape[1]))
-    matrices[:, -1] = _normals(known)
+    matrices[:, -1] = _normals(known, curve.run_over)
     for point, residual, matrix in zip(known, residuals, matrices, strict=True):
         residual[:] = curve.residual(point)
         if not np.isfinite(residual).all():  # internal states do not repeat, or instants do not resolve them
@@ -89,27 +124,24 @@ def _corrected(z: np.ndarray, matrices: np.ndarray, residuals: np.ndarray) -> np
         return None
 
 
-def _normals(known: np.ndarray) -> np.ndarray:
-    """Unit normals (m, d) of planes across a curve; at its ends they hold the parameter, and turn in between.
+def _normals(known: np.ndarray, run_over: int) -> np.ndarray:
+    """Unit normals (m, d) of planes across a curve; at its ends they hold one component, and turn in between.
 
     Planes across the curve up to its ends would crowd the points there, or draw them apart.
     """
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(known, axis=0), axis=1)))
     normals = np.zeros_like(known)
     normals[1:-1] = known[2:] - known[:-2]
-    normals[[0, -1], -1] = np.sign(known[-1, -1] - known[0, -1])
+    onward = np.sign(known[-1, run_over] - known[0, run_over])
+    normals[[0, -1], run_over] = onward
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     towards_end = np.abs(2.0 * along / along[-1] - 1.0)
     normals *= 1.0 - towards_end[:, None]
-    normals[:, -1] += towards_end * np.sign(known[-1, -1] - known[0, -1])
+    normals[:, run_over] += towards_end * onward
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def _forces(curve: SeriesCurve, z: np.ndarray) -> list[Forces]:
-    return curve.balance.forces_of_all(*curve.unpacked_all(z))
-
-
-def _linearised(curve: SeriesCurve, z: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def _linearised(curve: SeriesEquations, z: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Derivatives (m, d, d) of the equations and planes at points (m, d)."""
     matrices = np.empty((*z.shape, z.shape[1]))
     matrices[:, -1] = normals

@@ -18,7 +18,7 @@ from calib.dynamics.orbits import newton
 from calib.dynamics.response import AMPLITUDE, FREQUENCY
 from calib.dynamics.setting import Setting
 from calib.errors import CalibError
-from calib.modelling.modal_system import ModalMap, ModalSystem
+from calib.modelling.modal_system import Forces, ModalMap, ModalSystem
 
 MAX_FIRST_STEPS = 30  # of Newton's method from the linear motion, or from the motion at a frequency beside it
 SIZE_FREQUENCIES = 200  # of the linear motion whose largest is the first idea of the size
@@ -34,6 +34,7 @@ class SeriesMotion(NamedTuple):
     """Motion of a curve: coefficients and parameters z (d,), tangent, multipliers, derivative, least clearance [m].
 
     parameters : number of them, the last components of z
+    left_out : velocity of the harmonics left out over that of the motion; NaN where it was not asked for  [1]
     """
 
     z: np.ndarray
@@ -43,6 +44,7 @@ class SeriesMotion(NamedTuple):
     corrections: int
     clearance: float
     parameters: int = 1
+    left_out: float = math.nan
 
     @property
     def size(self) -> float:
@@ -64,6 +66,7 @@ class SeriesCurve:
     low, high : of the frequency  [Hz]
     scale : of the coefficients  [kg^1/2 m]
     drive : amplitude of U at a frequency [Hz]
+    run_over : number of the component of z over whose window the curve runs
     """
 
     balance: HarmonicBalance
@@ -72,6 +75,7 @@ class SeriesCurve:
     scale: float
     drive: Callable[[float], float]
     parameters: int = 1
+    run_over: int = -1
 
     def parameter(self, z: np.ndarray) -> float:
         """Frequency  [Hz]."""
@@ -111,6 +115,10 @@ class SeriesCurve:
         motions = self.unpacked_all(z)
         loads = self.balance.loads_of_all(*motions)
         return self.balance.balanced(*motions, loads).reshape(len(z), -1) / self._units
+
+    def forces(self, z: np.ndarray) -> list[Forces]:
+        """Forces along the motions of points (m, d)."""
+        return self.balance.forces_of_all(*self.unpacked_all(z))
 
     def derivative(self, z: np.ndarray) -> np.ndarray:
         """Derivative (d - 1, d) of the residual."""

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from calib.dynamics.held_curve import HeldBranch
 from calib.dynamics.held_sweeps import held_sweeps
 from calib.dynamics.response import sampled
 from calib.dynamics.setting import Setting
@@ -50,7 +51,7 @@ class SweptMotions(NamedTuple):
     bodies : in the order of the harmonics
     stretches : in the order swept
     jumps : what ends the stretches, a sentence each
-    curves : of those sweeps that are one stretch of series
+    curves : of those sweeps that are one stretch of series, and of those at a held amplitude
     failure : (status, reason) where there are none; None else
     """
 
@@ -98,7 +99,7 @@ def swept_motions(
     except ValueError as error:  # nothing that could move
         return SweptMotions(tuple(model.bodies), failure=("impossible value", str(error)))
     if is_held(measured):
-        return _at_held_amplitude(setting, bodies, measured, highest)
+        return _at_held_amplitude(setting, bodies, measured, highest, known, to_first_order)
     stretches, jumps, curves = list[Stretch](), list[str](), dict[float, SeriesStretch]()
     for sweep, direction, curve, path in swept_paths(setting, bodies, measured, known, to_first_order):
         if path.reason:
@@ -113,14 +114,19 @@ def swept_motions(
     return SweptMotions(bodies, tuple(stretches), tuple(jumps), curves)
 
 
-def _at_held_amplitude(setting: Setting, bodies: tuple[str, ...], measured: xr.Dataset, highest: int) -> SweptMotions:
-    stretches = list[Stretch]()
+def _at_held_amplitude(
+    setting: Setting, bodies: tuple[str, ...], measured: xr.Dataset, highest: int, known: KnownSweeps,
+    to_first_order: bool,
+) -> SweptMotions:  # fmt: skip
+    stretches, curves = list[Stretch](), dict[float, HeldBranch]()
+    near = {sweep: curve for sweep, curve in known.items() if isinstance(curve, HeldBranch)}
     try:
-        for sweep, direction, branch in held_sweeps(setting, measured):
+        for sweep, direction, branch in held_sweeps(setting, measured, near, to_first_order):
             way = slice(None, None, int(direction))
             harmonics = np.moveaxis(branch.harmonics[:, : highest + 1], -1, 0)
             stretches.append(Stretch(sweep, direction, branch.frequency[way], branch.level[way], harmonics[way]))
+            curves[sweep] = branch
     except CalibError as error:
         number = sweeps(measured)[len(stretches)][0]
         return SweptMotions(bodies, failure=(NOT_HELD, f"sweep {number:g}: {error}"))
-    return SweptMotions(bodies, tuple(stretches))
+    return SweptMotions(bodies, tuple(stretches), curves=curves)

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
+from calib.dynamics.held_curve import HeldBranch
 from calib.dynamics.level_curve import LevelCurve
 from calib.dynamics.response import AMPLITUDE, FREQUENCY
 from calib.dynamics.setting import Setting
@@ -25,7 +26,7 @@ MIN_SWEEP_STEP = 0.002  # between two frequencies, over the window  [1]
 MAX_TURN_STEPS = 2.0  # from the last frequency of a sweep to the first of the way back, over its mean step  [1]
 MAX_TURN_LEVEL_STEP = 0.1  # of the level between those, relative  [1]
 
-KnownSweeps = Mapping[float, SeriesStretch]  # by the number of the sweep
+KnownSweeps = Mapping[float, SeriesStretch | HeldBranch]  # by the number of the sweep
 
 
 def swept_paths(
@@ -47,7 +48,7 @@ def swept_paths(
         series, maps = series_sweep(setting, level, stops), partial(_map, setting, level)
         near = known.get(sweep)
         beside = None
-        if series and near:
+        if series and isinstance(near, SeriesStretch):
             beside = series.beside_to_first_order(near) if to_first_order else series.beside(near)
         if beside:
             path = SweptPath([beside])

@@ -47,7 +47,7 @@ def swept_curves(
     "response" have it measured; `piece` (point,) numbers its stretches, and the attribute `jumps` says where they end.
     A sweep ends where motions are not periodic; a failed record where none of it is, or nothing could move. Of sweeps
     at a held amplitude it is the response at one level, as the measured one is.
-    curves of those sweeps that are one stretch of series
+    curves of those sweeps that are one stretch of series, and of those at a held amplitude
 
     Raises
     ------

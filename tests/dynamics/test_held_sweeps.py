@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from calib.dynamics.held_sweeps import held_sweeps
 from calib.dynamics.setting import Setting
@@ -103,7 +104,63 @@ def test_what_a_simulation_returns_crosses_to_another_process():
     found, curves = swept_curves(Model(Oscillator()), VALUES, FORCE, held(2e-3))
     again, others = pickle.loads(pickle.dumps((found, curves)))
     assert again.identical(found)
-    assert others == curves == {}
+    assert others.keys() == curves.keys() == {0.0}
+    np.testing.assert_array_equal(others[0.0].coefficients, curves[0.0].coefficients)
+
+
+BESIDE = [
+    (CUBIC_STIFFNESS, {"k3": K3}, 12e-3, "k3"),  # some of its motions are unstable at a set force
+    (PRESLIDING, {"dahl_force": 0.3, "dahl_distance": 3e-3}, 5e-3, "dahl_force"),
+]
+
+
+def levels(found, at=FREQUENCY):
+    (stretch,) = found.stretches
+    return np.exp(CubicSpline(stretch.frequency, np.log(stretch.level))(at))
+
+
+@pytest.mark.parametrize(("effect", "own", "amplitude", "name"), BESIDE)
+def test_beside_a_known_curve_the_same_levels_are_found(effect, own, amplitude, name):
+    model, record, values = Model(Oscillator(), [effect]), held(amplitude), {**VALUES, **own}
+    known, changed = motions(model, values, record), {**values, name: 1.05 * values[name]}
+    alone, beside = motions(model, changed, record), swept_motions(model, changed, FORCE, record, 7, known.curves)
+    np.testing.assert_allclose(levels(beside), levels(alone), rtol=3e-5)  # of a curve through other points
+    one, other = beside.curves[0.0], known.curves[0.0]
+    assert one.level.size == other.level.size
+    np.testing.assert_allclose(one.frequency[[0, -1]], other.frequency[[0, -1]], rtol=1e-12)
+    np.testing.assert_allclose(one.amplitude, amplitude, rtol=1e-9)
+    assert one.stable.all() == alone.curves[0.0].stable.all()
+    assert one.left_out.max() == pytest.approx(alone.curves[0.0].left_out.max(), rel=0.1)
+
+
+@pytest.mark.parametrize(("effect", "own", "amplitude", "name"), BESIDE)
+def test_to_first_order_the_error_falls_with_the_square_of_the_change(effect, own, amplitude, name):
+    model, record, values = Model(Oscillator(), [effect]), held(amplitude), {**VALUES, **own}
+    known, errors = motions(model, values, record), []
+    for change in (0.04, 0.01):
+        changed = {**values, name: (1.0 + change) * values[name]}
+        exact = swept_motions(model, changed, FORCE, record, 7, known.curves)
+        linear = swept_motions(model, changed, FORCE, record, 7, known.curves, to_first_order=True)
+        errors.append(np.abs(levels(linear) - levels(exact)).max())
+    assert errors[1] < errors[0] / 10.0
+
+
+def test_a_known_curve_of_another_range_or_another_number_of_harmonics_is_none_to_be_beside():
+    model, values = Model(Oscillator(), [CUBIC_STIFFNESS]), {**VALUES, "k3": K3}
+    alone = motions(model, values, held(12e-3))
+    narrow = motions(model, values, held(12e-3, frequency=FREQUENCY[3:])).curves
+    more = {0.0: replace(alone.curves[0.0], coefficients=np.zeros((3, 2, 15)))}
+    for other in (narrow, more):
+        for first in (True, False):
+            found = swept_motions(model, values, FORCE, held(12e-3), 7, other, first)
+            np.testing.assert_array_equal(found.stretches[0].level, alone.stretches[0].level)
+
+
+def test_beside_a_motion_within_a_stop_one_that_meets_it_is_not_held():
+    model, values = Model(Oscillator(stop=True)), {**VALUES, "gap": 5e-3, "restitution": 0.6}
+    known = motions(model, values, held(4e-3))
+    found = swept_motions(model, {**values, "gap": 3.9e-3}, FORCE, held(4e-3), 7, known.curves)
+    assert found.failure[0] == NOT_HELD
 
 
 def test_a_joint_that_slides_is_held_too():

@@ -1,7 +1,5 @@
 """Curves beside a known one, where the forces along their motions are not to be had."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -10,15 +8,15 @@ from calib.modelling.modal_system import Forces
 
 
 class Parabola:
-    """Curve y = bend u^2 over its parameter u, as `SeriesCurve` has its equations, with forces of some value."""
+    """Curve y = bend u^2 over its parameter u, as `SeriesEquations`, with forces of some value."""
+
+    run_over = -1
 
     def __init__(self, bend, force=0.0, residual=0.0):
-        self.bend, self.left = bend, residual
-        own = Forces(np.full((1, 4), force), np.zeros((1, 4)), np.zeros((1, 4)))
-        self.balance = SimpleNamespace(forces_of_all=lambda z: [own for _ in z])
+        self.bend, self.left, self.force = bend, residual, force
 
-    def unpacked_all(self, z):
-        return (z,)
+    def forces(self, z):
+        return [Forces(np.full((1, 4), self.force), np.zeros((1, 4)), np.zeros((1, 4))) for _ in z]
 
     def residual(self, z):
         return np.array([z[0] - self.bend * z[1] ** 2 + self.left])
