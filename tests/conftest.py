@@ -31,16 +31,18 @@ LONG_FILES = (  # few tests, and some ten seconds or more
     "diagnosis/test_pairs.py", "diagnosis/test_responses.py", "diagnosis/test_stand_ins.py",
     "dynamics/test_response.py", "effects/test_conformance.py", "fmu/test_calibration.py", "hidden/test_beam.py",
     "hidden/test_discovered.py", "hidden/test_drawn.py", "hidden/test_foreign_beam.py", "hidden/test_found.py",
-    "hidden/test_hider.py", "hidden/test_remainder.py", "measured/test_benchmarks.py", "measured/test_diagnosis.py",
+    "hidden/test_hider.py", "hidden/test_remainder.py", "hidden/test_stepped.py", "measured/test_benchmarks.py",
+    "measured/test_diagnosis.py",
     "measured/test_sloshing.py", "measured/test_spring_disc.py", "pages/test_page.py", "paper/test_fe.py",
     "paper/test_minimal.py", "paper/test_story.py", "paper/test_window.py", "pools/test_remote.py",
     "readers/test_damaged.py", "sensitivity/test_study.py", "simulators/test_compliant_contact.py",
     "simulators/test_uncompiled_contact.py", "store/test_postgresql.py", "study/test_elsewhere.py",
     "study/test_killed.py", "study/test_recovery.py", "study/test_resume.py", "sweep/test_killed_sweep.py",
     "sweep/test_run.py", "tests/test_calculix_beam.py", "tests/test_response_recovery.py", "tests/test_studies.py",
-    "workflows/test_calibrate.py", "workflows/test_confidence.py", "workflows/test_discover.py",
+    "workflows/test_calibrate.py", "workflows/test_confidence.py", "workflows/test_diagnose.py",
+    "workflows/test_discover.py",
     "workflows/test_held_study.py", "workflows/test_new.py", "workflows/test_predicted_amplitudes.py",
-    "workflows/test_window.py",
+    "workflows/test_record_remarks.py", "workflows/test_records_of_two_kinds.py", "workflows/test_window.py",
 )  # fmt: skip
 
 

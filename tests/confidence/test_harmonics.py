@@ -73,6 +73,7 @@ def standard_errors(record, folder):
     }
 
 
+@pytest.mark.slow
 def test_a_second_harmonic_determines_a_quadratic_spring_that_the_first_hardly_shows(measured, tmp_path):
     whole = standard_errors(measured, tmp_path / "whole")
     first = standard_errors(measured.drop_vars(["in_phase_2", "quadrature_2"]), tmp_path / "first")

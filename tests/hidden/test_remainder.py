@@ -16,7 +16,11 @@ from simulators.four_dof_peer import spring_drive
 
 from calib.records import read
 
-ALL = [(name, kind) for name, system in SYSTEMS.items() for kind in system().remainders]
+ALL = [
+    pytest.param(name, kind, marks=[pytest.mark.slow] if name == "delaminated_beam" else [])
+    for name, system in SYSTEMS.items()
+    for kind in system().remainders
+]
 
 
 @pytest.mark.parametrize(("simulator", "kind"), ALL)

@@ -14,6 +14,7 @@ SEED = 16
 SPRING = "k3 = { low = 0.0, high = 4e5 }\n\n[[term]]"
 
 
+@pytest.mark.slow
 def test_a_point_that_was_read_in_a_jump_is_named_and_leads_no_fit_astray(tmp_path):
     truth = drawn("cubic_stiffness", SEED)
     written(truth, SEED, tmp_path, SHORT_WAIT)

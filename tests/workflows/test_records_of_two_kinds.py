@@ -78,6 +78,7 @@ def written(folder, name, levels, decay, terms):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("out", ["decay", "levels"])
 def test_a_record_of_another_kind_is_predicted_by_the_term_that_names_it(folder, out):
     uses = {"levels": "calibrate", "decay": "calibrate", out: "holdout"}

@@ -199,6 +199,7 @@ def test_an_uncalibrated_study_is_told_so(tmp_path):
     assert "calibrate first" in calib("window", write_study(tmp_path), code=1).stderr
 
 
+@pytest.mark.slow
 def test_of_frequency_responses_the_window_is_that_of_the_distance(tmp_path):
     """A linear oscillator: its stiffness may vary as much as shifts the resonance out of the tolerance."""
     frequency, omega = np.linspace(2.8, 3.6, 21), 2.0 * np.pi * np.linspace(2.8, 3.6, 21)
