@@ -25,7 +25,7 @@ from calib.dynamics.swept_series import MAX_LEFT_OUT, SERIES_HARMONICS
 from calib.errors import CalibError
 from calib.records.response import HELD, HELD_AMPLITUDE, complex_amplitude, make_response, sweeps
 
-MAX_REMEMBERED = 32  # sweeps whose amplitude over frequency is remembered: each simulation asks for the same
+MAX_REMEMBERED_SWEEPS = 32  # sweeps whose amplitude over frequency is remembered: each simulation asks for the same
 MAX_HELD_POINTS = 2000  # of one curve  [count]
 READ_FREQUENCIES = 400  # of a window, at which is asked what is measured of a motion  [count]
 LINEARITY_TOLERANCE = 1e-9  # of what is measured, over its size: rounding  [1]
@@ -77,7 +77,7 @@ def held_sweeps(
         yield HeldSweep(sweep, float(measured["direction"][points[0]]), branch)
 
 
-@lru_cache(maxsize=MAX_REMEMBERED)
+@lru_cache(maxsize=MAX_REMEMBERED_SWEEPS)
 def _held_amplitude(frequency: bytes, amplitude: bytes) -> HeldAmplitude:
     """Amplitude that a sweep held over the frequency, of readings whose float64 these are."""
     return HeldAmplitude(np.frombuffer(frequency), np.frombuffer(amplitude))
