@@ -33,7 +33,7 @@ from calib.errors import CalibError, nearest
 from calib.modelling.modal_system import Forces, ModalSystem
 
 MIN_RAMP_STEP = 1 / 64  # of an amplitude that is to be held, where a curve begins  [1]
-MAX_LEVEL_EXPONENT = 700.0  # of a level: beyond it is no number  [1]
+MAX_LEVEL_EXPONENT = 300.0  # of a level: beyond it the squares of forces are no numbers  [1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,13 +128,17 @@ class HeldCurve:
     def residual(self, z: np.ndarray) -> np.ndarray:
         """What is left of the balance, and of the condition (d - 1,)."""
         y, frequency, level = self.unpacked(z)
+        if not math.isfinite(level):
+            return np.full(z.size - 1, np.nan)
         left = self.held.balance.residual(y, 2.0 * math.pi * frequency, self.held.drive(level)).ravel() / self._units
         condition = self.condition(self.held.first_harmonic(y, frequency, level), frequency, level)
         return np.append(left, self._weight * condition.value)
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
-        """Residuals (m, d - 1) of points (m, d)."""
+        """Residuals (m, d - 1) of points (m, d); NaN where one of them has no level."""
         y, frequency, level = self.unpacked_all(z)
+        if not np.isfinite(level).all():
+            return np.full((len(z), z.shape[1] - 1), np.nan)
         motions = y, 2.0 * np.pi * frequency, self.held.per_unit * level
         balance = self.held.balance
         left = balance.balanced(*motions, balance.loads_of_all(*motions)).reshape(len(z), -1) / self._units

@@ -9,6 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from calib.dynamics.harmonic_condition import quadrature
+from calib.dynamics.held_curve import HeldBalance, HeldCurve
 from calib.dynamics.held_sweeps import held_sweeps
 from calib.dynamics.setting import Setting
 from calib.dynamics.swept_motions import NOT_HELD, swept_motions
@@ -154,6 +156,19 @@ def test_a_known_curve_of_another_range_or_another_number_of_harmonics_is_none_t
         for first in (True, False):
             found = swept_motions(model, values, FORCE, held(12e-3), 7, other, first)
             np.testing.assert_array_equal(found.stretches[0].level, alone.stretches[0].level)
+
+
+@pytest.mark.parametrize("level", [2e130, 1e300])
+def test_of_a_level_that_is_no_number_nothing_is_left_and_nothing_is_complained_of(level):
+    setting = Setting(Model(Oscillator(), [CUBIC_STIFFNESS]), FORCE, {**VALUES, "k3": K3})
+    held_balance = HeldBalance(setting, "mass", (2.8, 4.4), (1e-3, 1e3), 7)
+    curve = HeldCurve(held_balance, quadrature, 0.01, 1.0)
+    z = np.zeros((2, 17))
+    z[:, -2] = 0.5
+    z[:, -1] = np.log(np.array([1e130, level]) / 1e-3) / np.log(1e6)
+    assert np.isfinite(np.linalg.norm(curve.residual(z[0])))
+    assert np.isnan(curve.residual(z[1])).all()
+    assert np.isnan(curve.residuals(z)).all()
 
 
 def test_beside_a_motion_within_a_stop_one_that_meets_it_is_not_held():

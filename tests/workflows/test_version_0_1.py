@@ -148,7 +148,7 @@ def test_the_diagnosis_is_read_and_printed():
     assert [row[:4] for row in cells("\n".join(lines))] == [
         ["quadratic_drag", "11.3", "97 %", "c2 = 2.91 ± 0.47 1/m"],
         ["linear_drag", "9.4", "73 %", "c1 = 1.92 ± 0.34 1/s"],
-        ["gap_offset", "-0.3", "-", "dg = −0.3 ± 2.4 µm"],
+        ["gap_offset", "-0.3", "0.1 %*", "dg = −0.3 ± 2.4 µm"],
     ]
 
 
